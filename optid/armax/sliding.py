@@ -2,22 +2,25 @@
 
 The least axis with dry friction is a force that the command charges, a speed, and a position, per unit of mass:
 
-    dF/dt = k (u + alpha |u| + d) - w^2 v,    dv/dt = F - c v - f sgn v,    dx/dt = v
+    dF/dt = k (u + alpha |u| + d) - w^2 v - l |u| F,    dv/dt = F - c v - f sgn v,    dx/dt = v
 
-Both equations integrated over time are linear in what is not known,
+An open valve lets the force decay at the rate l |u|; k and w^2 vary over the stroke, here by parabolas about its
+middle (both follow from eqs. 3 to 8 of a cylinder, linearised). Without these terms dry friction is mistaken for
+damping. The force law integrated over time,
 
-    dv/dt = -c v - f sgn v - w^2 x + k (U + alpha |U| + d t) + constant,    U: the command's integral,
+    F = dv/dt + c v + f sgn v = integral of k(x) (u + alpha |u|) + k d t - integral of w^2(x) dx - l integral of |u| F
+        + constant,
 
-so a regression over stretches in which the axis moves finds it all: smoothed position, speed and acceleration (Savitzky
-and Golay, Analytical Chemistry 36, 1964), a constant of its own for each stretch. A linear model cannot tell friction
-from damping, nor a load from a speed that differs by direction. The force at which the axis breaks away follows from
-the force law, which holds at rest too.
+is linear in all but the products of l with c and f: Gauss and Newton's method finds it from stretches in which the
+axis moves, each with a constant of its own; position, speed and acceleration are smoothed (Savitzky and Golay,
+Analytical Chemistry 36, 1964). A linear model cannot tell friction from damping, nor a load from a speed that differs
+by direction. The force at which the axis breaks away follows from the force law, which holds at rest too.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -41,6 +44,7 @@ SURE = 3.0  # standard errors
 # Half-widths of a dead zone, shares of the largest command; how many of them.
 NARROW, WIDEST, TRIED = 2e-3, 0.12, 25
 BETTER = 0.95  # a dead zone must leave less than this of the squared residual
+STEPS = 8  # of Gauss and Newton: the rate of decay then changes by less than a thousandth
 STARTS = 5  # starts from rest needed for a break-away force
 
 
@@ -51,13 +55,17 @@ class SlidingAxis:
     Attributes:
         speed_gain: steady speed per command.
         asymmetry: share by which it is larger for positive commands, smaller for negative ones.
-        frequency: w, rad/s.
+        frequency: w in the middle of the motion, rad/s.
         damping: c, 1/s, without dry friction.
         dry_friction: f, output's unit/s2.
         breakaway_ratio: friction at which the axis breaks away over f, at least 1.
         load: d, constant load added to the command; 0 where it is not significant.
         dead_zone: half-width, command's unit; 0 for none.
         explained: share of the acceleration's variance.
+        decay: l, rate at which the force decays per command, 1/s over the command's unit.
+        gain_slope, gain_curvature: share by which k grows per output's unit from the middle, and per its square.
+        stiffness_slope, stiffness_curvature: the same of w^2.
+        reach: largest distance from the middle of the motion.
     """
 
     speed_gain: float
@@ -69,6 +77,21 @@ class SlidingAxis:
     load: float
     dead_zone: float
     explained: float
+    decay: float = 0.0
+    gain_slope: float = 0.0
+    gain_curvature: float = 0.0
+    stiffness_slope: float = 0.0
+    stiffness_curvature: float = 0.0
+    reach: float = 0.0
+
+    @property
+    def over_stroke(self) -> tuple[float, float, float, float, float]:
+        """Slope and curvature of the gain, of the stiffness, and the reach."""
+        gain, stiffness = (
+            (self.gain_slope, self.gain_curvature),
+            (self.stiffness_slope, self.stiffness_curvature),
+        )
+        return *gain, *stiffness, self.reach
 
 
 def mode_frequency(model: Armax) -> float | None:
@@ -116,14 +139,20 @@ def sliding_axis(y: Array, u: Array, sample_time: float, frequency: float) -> Sl
 
 @dataclass(frozen=True, eq=False)
 class _Regression:
-    """theta: c, f, w2, k, k alpha, k d; their covariance; squared residual; the command that passed."""
+    """theta: c, f, l, w2, k, k alpha, k d, the slopes and the curvatures of w2, k, k alpha; their covariance.
+
+    Squared residual, share explained, and the dead zone's half-width;
+
+    `force` is a + c v + f sgn v, `charged` the force that has built up, up to a constant; both (n,).
+    """
 
     theta: Array
     covariance: Array
     squares: float
     explained: float
     width: float
-    passed: Array
+    force: Array
+    charged: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,47 +193,72 @@ class _Signals:
         """The integral up to each sample of a held signal, smoothed like the position."""
         return _smooth(np.r_[0.0, np.cumsum(values)[:-1]] * self.T, self.window, self.T, 0)
 
+    @property
+    def off_middle(self) -> Array:
+        """Position from the middle of the motion."""
+        return np.asarray(self.x - float(np.mean(self.x[self.moving])))
+
+    @property
+    def reach(self) -> float:
+        """Largest distance from there, in motion."""
+        return float(np.max(np.abs(self.off_middle[self.moving])))
+
     def passed(self, width: float) -> Array:
         """The command after a dead zone."""
         return np.asarray(np.sign(self.u) * np.maximum(np.abs(self.u) - width, 0.0))
 
     def regression(self, width: float) -> _Regression:
         """Least squares over the stretches in which the axis moves."""
-        passed, time = self.passed(width), self.T * np.arange(float(self.u.size))
-        table = np.column_stack(
-            [
-                self.v,
-                np.sign(self.v),
-                self.x,
-                -self.integral(passed),
-                -self.integral(np.abs(passed)),
-                -time,
-                -self.a,
-            ]
-        )[self.moving]
+        passed = self.passed(width)
+        opened = np.abs(passed)
+        motion = np.column_stack([self.a, self.v, np.sign(self.v)])
+        decaying = np.column_stack([self.integral(opened * column) for column in motion.T])
+        built_up = np.column_stack(self._built_up(passed))
+        moved, decayed, grown = map(self._within_stretches, (motion, decaying, built_up))
+        c, f, rate = 0.0, 0.0, 0.0
+        for _ in range(STEPS):
+            left = moved + rate * decayed
+            A = np.column_stack([left[:, 1:], decayed @ (1.0, c, f), -grown])
+            theta = np.asarray(np.linalg.lstsq(A, -left[:, 0], rcond=None)[0], dtype=float)
+            c, f, rate = float(theta[0]), float(theta[1]), rate + float(theta[2])
+        rest, theta[2] = left[:, 0] + A @ theta, rate
+        squares = float(np.sum(rest**2))
+        # Smoothing correlates neighbours: a window of them counts as two samples.
+        stretches = np.unique(self.stretch[self.moving]).size
+        free = max(2.0 * len(A) / self.window - theta.size - stretches, 1.0)
+        covariance = np.asarray(np.linalg.pinv(A.T @ A), dtype=float) * squares / free
+        explained = 1.0 - squares / max(float(np.sum(moved[:, 0] ** 2)), 1e-300)
+        charged = np.asarray(built_up @ theta[3:] - rate * decaying @ (1.0, c, f))
+        force = np.asarray(motion @ (1.0, c, f))
+        return _Regression(theta, covariance, squares, explained, width, force, charged)
+
+    def _built_up(self, passed: Array) -> list[Array]:
+        """The force that builds up for a unit of each parameter of its law: w2, k, k alpha, k d, the parabolas."""
+        off, opened = self.off_middle, np.abs(passed)
+        found = [-off, self.integral(passed), self.integral(opened), self.T * np.arange(float(off.size))]
+        for power in (1, 2):
+            varied = [self.integral(passed * off**power), self.integral(opened * off**power)]
+            found += [-(off ** (power + 1)) / (power + 1), *varied]
+        return found
+
+    def _within_stretches(self, table: Array) -> Array:
+        """Columns less their means over each stretch, where the axis moves."""
+        table = table[self.moving]
         _, group = np.unique(self.stretch[self.moving], return_inverse=True)
         count = np.bincount(group)
         means = np.column_stack([np.bincount(group, column) / count for column in table.T])
-        table -= means[group]
-        A, b = table[:, :-1], table[:, -1]
-        theta = np.linalg.lstsq(A, b, rcond=None)[0]
-        squares = float(np.sum((b - A @ theta) ** 2))
-        # Smoothing correlates neighbours: a window of them counts as two samples.
-        free = max(2.0 * b.size / self.window - theta.size - count.size, 1.0)
-        covariance = np.linalg.pinv(A.T @ A) * squares / free
-        explained = 1.0 - squares / max(float(np.sum(b**2)), 1e-300)
-        return _Regression(theta, covariance, squares, explained, width, passed)
+        return np.asarray(table - means[group])
 
 
 def _axis(signals: _Signals, found: _Regression) -> SlidingAxis | None:
     """The axis from the regression; None where its values are not those of an axis."""
-    c, f, w2, k, ka, kd = found.theta
+    c, f, rate, w2, k, ka, kd = found.theta[:7]
     sd = np.sqrt(np.diag(found.covariance))
     if not (
-        found.explained >= EXPLAINED and w2 > SURE * sd[2] and abs(k) > SURE * sd[3] and f > SURE * sd[1]
+        found.explained >= EXPLAINED and w2 > SURE * sd[3] and abs(k) > SURE * sd[4] and f > SURE * sd[1]
     ):
         return None
-    load = kd / k if abs(kd) > SURE * sd[5] else 0.0
+    load = kd / k if abs(kd) > SURE * sd[6] else 0.0
     return SlidingAxis(
         float(k / w2),
         float(np.clip(ka / k, -0.5, 0.5)),
@@ -215,6 +269,12 @@ def _axis(signals: _Signals, found: _Regression) -> SlidingAxis | None:
         float(load),
         found.width,
         found.explained,
+        max(float(rate), 0.0),
+        float(found.theta[8] / k),
+        float(found.theta[11] / k),
+        float(found.theta[7] / w2),
+        float(found.theta[10] / w2),
+        signals.reach,
     )
 
 
@@ -223,16 +283,9 @@ def _breakaway(signals: _Signals, found: _Regression, sd: float) -> float:
 
     `sd` is the standard error of that in motion.
     """
-    c, f, w2, k, ka, kd = found.theta
-    time = signals.T * np.arange(float(signals.u.size))
     # The force up to a constant, which follows from the motion after the rest.
-    grown = (
-        k * signals.integral(found.passed)
-        + ka * signals.integral(np.abs(found.passed))
-        + kd * time
-        - w2 * signals.x
-    )
-    whole = signals.a + c * signals.v + f * np.sign(signals.v) - grown
+    f, grown = found.theta[1], found.charged
+    whole = found.force - grown
     forces = []
     for start in _departures(signals):
         after = slice(start + signals.window // 2, start + signals.window // 2 + max(signals.window, 8))
@@ -287,11 +340,13 @@ def from_document(content: Any, where: object) -> SlidingAxis | None:
     if not isinstance(content, dict):
         raise InputError("no table", where=where, field="axis", expected="numbers by name")
     names = [field.name for field in fields(SlidingAxis)]
+    older = {field.name: field.default for field in fields(SlidingAxis) if field.default is not MISSING}
+    content = older | content  # files of versions that did not know these
     for name in names:
         if name not in content:
             raise InputError("missing", where=where, field=f"axis.{name}")
     axis = SlidingAxis(*(finite(content[name], f"axis.{name}", where) for name in names))
-    for name in ("frequency", "dry_friction", "damping", "dead_zone"):
+    for name in ("frequency", "dry_friction", "damping", "dead_zone", "decay"):
         if getattr(axis, name) < 0.0:
             raise InputError(
                 f"{getattr(axis, name):g}", where=where, field=f"axis.{name}", expected="no negative number"

@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optid.core.model import Array
 from optid.pid.pid_step import KD, KP
@@ -41,7 +40,7 @@ REGIONS, APART = 2, 0.1  # regions that are continued, and their distance in the
 GENERATIONS, LAST = 24, 16  # generations in each region, and around the best result on two runs each
 SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
 NEAR = 0.04  # sd of the kernel, in the cube
-LOWER, LOWERED = 0.84, 14  # factor on all gains between two candidates; how many: to a tenth
+LOWER, LOWERED = 0.84, 14  # factor on all gains from one candidate to the next; how many at most: to a tenth
 HOPELESS = 30.0  # times the best cost: larger costs are clipped to it
 
 Said = Callable[[float, str], None]
@@ -100,30 +99,32 @@ def search_on_bench(
 
 
 def _least_feedback(task: Task, within: GainBounds, best: Evolved, runs: Sequence[int]) -> Evolved:
-    """The lowest multiple of all free gains that is dearer than the best by at most one standard error, in pairs.
+    """All free gains lowered together while that is dearer than the best by at most its standard error over the runs.
 
-    If that holds without integral action too, then without it.
+    If that holds without integral action too, then without it (Breiman et al., Classification and Regression Trees,
+    1984, section 3.4.3).
     """
-    feedback = [PLACES[name] for name in SIGNED if name in within.free]
-    gains = np.repeat(within.gains(best.point), LOWERED, axis=0)
-    gains[:, feedback] *= LOWER ** np.arange(LOWERED)[:, None]
-    points = within.points(gains)
 
-    def by_run(points: Array) -> Array:
-        return np.array([_task_of_runs(task, [k]).fitness(within.gains(points)) for k in runs])
+    def by_run(point: Array) -> Array:
+        return np.array([_task_of_runs(task, [k]).fitness(within.gains(point))[0] for k in runs])
 
-    each = by_run(points)
-    lowest = each[:, [np.argmin(each.sum(axis=0))]]
-    chosen = points[_within_one_standard_error(each - lowest)[-1]]
+    def bar_of(each: Array) -> float:
+        return float(each.mean() + each.std() / math.sqrt(len(runs)))
+
+    bar = bar_of(by_run(best.point))
+    feedback, gains = [PLACES[name] for name in SIGNED if name in within.free], within.gains(best.point)
+    chosen = best.point
+    for _ in range(LOWERED):
+        gains[..., feedback] *= LOWER
+        lower = within.points(gains).reshape(best.point.shape)
+        each = by_run(lower)
+        if each.mean() > bar:
+            break
+        chosen, bar = lower, min(bar, bar_of(each))
     if "ki" in within.free:
         still = np.where(np.array(within.free) == "ki", 0.0, chosen)
-        chosen = still if len(_within_one_standard_error(by_run(still[None]) - lowest)) else chosen
+        chosen = still if by_run(still).mean() <= bar else chosen
     return _on_all_runs(task, within, [chosen])[0]
-
-
-def _within_one_standard_error(dearer: Array) -> NDArray[np.int64]:
-    """Columns of (runs, candidates) whose mean is at most one standard error above 0."""
-    return np.flatnonzero(dearer.mean(axis=0) <= dearer.std(axis=0) / math.sqrt(len(dearer)))
 
 
 def _on_all_runs(task: Task, within: GainBounds, points: list[Array]) -> list[Evolved]:

@@ -218,10 +218,13 @@ def _others(task: Task, scale: Ultimate, within: GainBounds, gains: Gains, effor
 
 def _outdone(task: Task, within: GainBounds, gains: Gains, rivals: list[Gains]) -> Gains:
     """If a baseline's gains, clipped to the box, have a lower cost than the result, the search continues from there."""
-    points = within.points(np.array([gains.vector, *(rival.vector for rival in rivals)]))
-    costs = task.fitness(within.gains(points))
+    if not rivals:
+        return gains
+    points = within.points(np.array([rival.vector for rival in rivals]))
+    found = float(task.fitness(gains.vector)[0])
+    costs = task.fitness(within.gains(points), np.full(len(points), found))
     best = int(np.argmin(costs))
-    if not costs[best] < float(task.fitness(gains.vector)[0]):
+    if not costs[best] < found:
         return gains
     if task.bench_alone:
         return as_gains(within.gains(points[best])[0])

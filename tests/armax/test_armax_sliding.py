@@ -17,7 +17,17 @@ T, W, C, F, GAIN = 1e-3, 80.0, 30.0, 25.0, 0.5
 FINE = 20
 
 
-def moved(breakaway=1.0, load=0.0, width=0.0, asymmetry=0.0, friction=F, sign=1.0, seconds=8.0):
+def moved(
+    breakaway=1.0,
+    load=0.0,
+    width=0.0,
+    asymmetry=0.0,
+    friction=F,
+    sign=1.0,
+    seconds=8.0,
+    decay=0.0,
+    curvature=0.0,
+):
     """Position (with 0.03 mm of noise) and command of an axis in a loop, moved about; written out anew."""
     rng = np.random.default_rng(5)
     n, h = round(seconds / T), T / FINE
@@ -34,7 +44,8 @@ def moved(breakaway=1.0, load=0.0, width=0.0, asymmetry=0.0, friction=F, sign=1.
         passed = math.copysign(max(abs(u[k]) - width, 0.0), u[k]) * sign
         drive = GAIN * W * W * (passed + asymmetry * abs(passed) + load)
         for _ in range(FINE):
-            force += h * (drive - W * W * v)
+            grown = 1.0 + curvature * x * x
+            force += h * (grown * (drive - W * W * v) - decay * abs(passed) * force)
             free = v + h * (force - C * v)
             reach = h * friction * (breakaway if v == 0.0 else 1.0)
             v = 0.0 if abs(free) <= reach else free - math.copysign(reach, free)
@@ -71,6 +82,18 @@ def test_what_is_there_is_found_and_taken_for_nothing_else(physics, name, value,
     assert axis.pop(name) == pytest.approx(value, abs=off)
     silent = {"breakaway_ratio": 1.0, "load": 0.0, "dead_zone": 0.0}
     assert all(axis[key] == nothing for key, nothing in silent.items() if key in axis)
+
+
+def test_dry_friction_is_not_taken_for_damping():
+    """Though the force decays through the open valve, and the air is stiffer towards the ends of the stroke."""
+    axis = found(decay=8.0, curvature=80.0)
+    assert axis.dry_friction == pytest.approx(F, rel=0.15) and axis.damping == pytest.approx(C, rel=0.15)
+    assert axis.decay == pytest.approx(8.0, rel=0.3) and axis.reach > 0.05
+    assert axis.gain_curvature == pytest.approx(80.0, rel=0.3)
+    assert axis.stiffness_curvature == pytest.approx(80.0, rel=0.3)
+    assert abs(axis.gain_slope) < 0.5 and abs(axis.stiffness_slope) < 0.5
+    assert axis.speed_gain == pytest.approx(GAIN, rel=0.05) and axis.frequency == pytest.approx(W, rel=0.05)
+    assert found().decay < 1.5
 
 
 def test_recordings_without_such_an_axis():

@@ -25,7 +25,7 @@ from optid.tuning.response_metrics import by_size
 from optid.tuning.search import box
 from optid.tuning.specification import TuningSpec
 from optid.tuning.step_tests import StepPlan, hunting_limit, sizes_for
-from optid.tuning.sticking_axis import StickingAxis, assumed_mechanics
+from optid.tuning.sticking_axis import Mechanics, StickingAxis, assumed_mechanics
 from optid.tuning.structures import (
     STRUCTURES,
     cascaded,
@@ -98,11 +98,11 @@ def test_without_friction_the_axis_is_the_model():
     """Its mechanics are the model's poles and gain, and with no share of dry friction it answers alike."""
     plant = plant_of(axis())
     found = assumed_mechanics(plant, 5.0)
-    viscous = [v / (1.0 - share) for (v, _), share in zip(found.frictions, (0.5, 0.25, 0.75), strict=True)]
-    assert (found.speed_gain, found.frequency) == pytest.approx((0.55, 60.0), rel=1e-3)
+    viscous = [one.viscous / (1.0 - share) for one, share in zip(found, (0.5, 0.25, 0.75), strict=True)]
+    assert (found[0].gain, found[0].frequency) == pytest.approx((0.55 * 60.0**2, 60.0), rel=3e-3)
     assert viscous == pytest.approx([48.0] * 3, rel=1e-3)
     [episode] = StepPlan((0.06,), 400, T).episodes()
-    bench = StickingAxis(replace(found, frictions=((48.0, 0.0),)), (episode,))
+    bench = StickingAxis([replace(found[0], viscous=48.0, dry=0.0)], (episode,))
     gains = Gains(12.0, 0.0, 0.05, 2e-3)
     [run] = bench(gains, LIMITS)
     y, _ = ClosedLoop((plant,), (episode,), Criterion(), LIMITS.vector, 10.0).trace(gains.vector)
@@ -110,24 +110,42 @@ def test_without_friction_the_axis_is_the_model():
 
 
 def test_what_friction_holds_does_not_move():
-    found = assumed_mechanics(plant_of(axis()), 5.0)
-    viscous, dry = found.frictions[0]
-    assert viscous == pytest.approx(24.0, rel=1e-3) and dry == pytest.approx(
+    found = assumed_mechanics(plant_of(axis()), 5.0)[0]
+    dry = found.dry
+    assert found.viscous == pytest.approx(24.0, rel=1e-3) and dry == pytest.approx(
         24.0 * 0.55 * 2.5 * math.pi / 4, rel=1e-3
     )
     [episode] = StepPlan((1.0,), 50, T).episodes()
     # The force of a standing command grows at k u: it breaks away after dry / (k u).
     after = 20
     held = Gains(dry / (0.55 * 60.0**2 * after * T))
-    [run] = StickingAxis(found, (episode,))(held, Settings(T))
+    [run] = StickingAxis([found], (episode,))(held, Settings(T))
     first = int(np.flatnonzero(run.output)[0])
     assert first == pytest.approx(after, abs=2)
     # With more friction at rest it breaks away later, and once it slides it goes further.
-    [late] = StickingAxis(replace(found, breakaway=1.5, creep=0.02), (episode,))(held, Settings(T))
+    [late] = StickingAxis([replace(found, breakaway=1.5, creep=0.02)], (episode,))(held, Settings(T))
     assert int(np.flatnonzero(late.output)[0]) == pytest.approx(1.5 * after, abs=2)
     # Behind a dead zone the command is smaller.
-    [less] = StickingAxis(found, (episode,), (-0.2 * held.kp, 0.2 * held.kp))(held, Settings(T))
+    [less] = StickingAxis([found], (episode,), (-0.2 * held.kp, 0.2 * held.kp))(held, Settings(T))
     assert int(np.flatnonzero(less.output)[0]) == pytest.approx(after / 0.8, abs=2)
+
+
+def test_the_force_decays_and_the_air_is_stiffer_off_the_middle():
+    """At full command, against the equations in finer steps; beyond its reach the parabola stays as it is."""
+    axis, reach, h = Mechanics(2000.0, 60.0, 30.0, 20.0, decay=6.0), 0.05, 1e-5
+    varied = replace(axis, over_stroke=(-2.0, 90.0, 3.0, 70.0, reach))
+    [episode] = StepPlan((10.0,), 250, T).episodes()
+    [run] = StickingAxis([varied], (episode,))(Gains(1e3), Settings(T, low=-2.0, high=2.0))
+    x = v = force = 0.0
+    for n in range(250):
+        assert run.output[n] == pytest.approx(x, rel=0.02, abs=1e-3)
+        for _ in range(round(T / h)):
+            at = min(x, reach)
+            gain, spring = 1.0 - 2.0 * at + 90.0 * at * at, 1.0 + 3.0 * at + 70.0 * at * at
+            force += h * (2000.0 * gain * 2.0 - 3600.0 * spring * v - 6.0 * 2.0 * force)
+            v = max(v + h * (force - 30.0 * v - 20.0), 0.0)
+            x += h * v
+    assert x > 2.0 * reach
 
 
 @pytest.mark.parametrize("gain", [0.55, -0.55])
@@ -306,10 +324,12 @@ def test_the_axis_that_a_recording_shows_judges():
     judge, said = problem.task.bench, " ".join(problem.assumed)
     assert problem.judged_on == FITTED and problem.structure == "pid"
     # What the regression mistakes is put right; half of the asymmetry is the valve's, none and all in the other sets.
-    assert judge.axis.frictions[0] == pytest.approx((21.0, 30.0)) and judge.axis.breakaway == 1.5
-    assert judge.axis.asymmetries == pytest.approx((0.05, 0.0, 0.1)) and len(judge.axis.frictions) == 3
+    first = judge.axes[0]
+    assert (first.viscous, first.dry, first.breakaway) == pytest.approx((28.5, 25.0, 1.5))
+    assert first.gain == pytest.approx(1.15 * 0.55 * 60.0**2) and first.over_stroke == SHOWN.over_stroke
+    assert [one.asymmetry for one in judge.axes] == pytest.approx([0.05, 0.0, 0.1, 0.1, 0.0])
     assert {e.load[0] for e in judge.episodes} == {-0.04} and all(e.noise.any() for e in judge.episodes)
-    assert {e.variant for e in judge.episodes} == {0, 1, 2} and max(e.gain for e in judge.episodes) > 1.0
+    assert {e.variant for e in judge.episodes} == set(range(5)) and max(e.gain for e in judge.episodes) > 1.0
     assert tuple(judge._dead) == (-0.1, 0.1)
     assert "50 % more at rest" in said and "dead zone of ±0.1 V" in said and "load of -0.04 V" in said
     own = build_problem(
@@ -319,7 +339,7 @@ def test_the_axis_that_a_recording_shows_judges():
     plain = build_problem(
         replace(contents, axis=None), Path("a.json"), TuningSpec(), np.random.default_rng(0)
     )
-    assert plain.structure == "pd" and plain.task.bench.axis.breakaway == 1.0
+    assert plain.structure == "pd" and plain.task.bench.axes[0].breakaway == 1.0
 
 
 def test_luck_is_not_shared_among_neighbours():
