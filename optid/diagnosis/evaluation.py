@@ -86,6 +86,13 @@ class Evaluation:
         most = float(np.max(ratios)) if ratios else math.nan
         return most if math.isfinite(most) else math.nan
 
+    def expected_errors(self, noise: Mapping[str, float]) -> dict[str, float]:
+        """Root mean square error of a correct model's windows by role: noise, and starts that are not known exactly."""
+        return {
+            role: _rms(np.hypot(noise.get(role, 0.0), self.expected[self._should_be_predicted(j), j]))
+            for j, role in enumerate(self.scores)
+        }
+
     def prediction_errors(self, output: int) -> Array:
         """Measured less predicted, (samples,); infinite where a prediction diverged, NaN where there should be none."""
         off = self.measured[:, output] - self.windows[:, output]

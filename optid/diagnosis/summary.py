@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,9 @@ from optid.estimation.result import Estimate, Score
 if TYPE_CHECKING:
     from optid.diagnosis.localisation.region import Range
     from optid.diagnosis.result import Diagnosis, Finding
+
+
+NOTICED = 1.05  # times the noise: smaller errors need no explanation
 
 
 def p_told(p: float) -> str:
@@ -45,8 +49,17 @@ def _at_bound(d: Diagnosis, estimates: Sequence[Estimate]) -> list[str]:
 def _consistent(d: Diagnosis) -> str:
     return (
         f"The fitted model is as good as the noise allows: held out, its {_span(d)} windows have an error of "
-        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}. {_nothing_more(d)} {_blind(d)}"
+        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}{_with_starts(d)}. {_nothing_more(d)} {_blind(d)}"
     )
+
+
+def _with_starts(d: Diagnosis) -> str:
+    """What a correct model's windows err by, where the noise alone does not account for the errors."""
+    scores, expected = d.test.base.scores, d.test.base.expected_errors(d.noise)
+    if all(s.rmse <= NOTICED * d.noise.get(role, math.inf) for role, s in scores.items()):
+        return ""
+    told = _by_role({role: quantity(rmse, scores[role].unit) for role, rmse in expected.items()})
+    return f", and as the windows' starts are not known exactly, a correct model errs by {told}"
 
 
 def _nothing_more(d: Diagnosis) -> str:

@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 
 from optid.diagnosis import findings
+from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.localisation.region import Range
-from optid.diagnosis.summary import _nearest, _nothing_more, _unexplained, _what_errs, _when, _where
+from optid.diagnosis.summary import (
+    _nearest,
+    _nothing_more,
+    _unexplained,
+    _what_errs,
+    _when,
+    _where,
+    _with_starts,
+)
 from optid.diagnosis.validation import Validated
+from optid.estimation.result import Score
 from optid.report.diagnosis_document import range_entry
 
 
@@ -157,3 +167,20 @@ def test_a_suspected_effect_is_no_empirical_description(monkeypatch, law):
     told = _unexplained(SimpleNamespace(findings=(), best=best, base=None, test=test))
     assert ("With an empirical description" in told) == (law == "a description")
     assert ("With what is suspected, windows have an error of 0.0277 rad." in told) == (law == "an effect")
+
+
+@pytest.mark.parametrize(
+    ("errs", "told"),
+    [
+        (3.1e-5, ""),
+        (4.5e-5, ", and as the windows' starts are not known exactly, a correct model errs by 50 µm"),
+    ],
+)
+def test_errors_above_the_noise_of_a_sound_model_are_accounted_for(errs, told):
+    measured, off = np.zeros((400, 1)), np.full((400, 1), errs)
+    scores = {"position": Score.of(measured[:, 0], off[:, 0], "m")}
+    blocks = np.arange(400) // 20
+    base = Evaluation(
+        0.5, blocks, off, off, measured, np.arange(400.0), blocks * 0, scores, np.full((400, 1), 4e-5)
+    )
+    assert _with_starts(SimpleNamespace(test=SimpleNamespace(base=base), noise={"position": 3e-5})) == told
