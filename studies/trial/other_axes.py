@@ -28,6 +28,8 @@ from studies.trial.sizes import Draw
 
 DATA = Path(__file__).parents[2] / "data"
 SHOWN = 0.1  # times the noise, rms in any recording: physics that changes less cannot be found by anybody
+# Kinds of sites that are right beside its own, as `also` in studies/trial/outside.py: it acts on each edge's flow.
+ALSO = {"flow_force": "flow"}
 ASKED = {
     "single effect, first name right": 0.90,
     "nothing missing, nothing named": 1.0,
@@ -160,7 +162,8 @@ class Judged:
             return not self.named and self.verdict != "failed"
         if not self.shown:
             return self.verdict == "consistent"
-        return not self.named and self.verdict == "unexplained" and self.case.site in self.sites
+        sites = {self.case.site, ALSO.get(self.case.effect, self.case.site)}
+        return not self.named and self.verdict == "unexplained" and not sites.isdisjoint(self.sites)
 
     @property
     def said(self) -> str:

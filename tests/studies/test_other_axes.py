@@ -70,6 +70,9 @@ def test_what_a_diagnosis_says_is_counted(tmp_path):
         True,
     ]
     assert judged(cases[3], tmp_path / "case-004/diagnose") is None
+    for site, right in (("flow", True), ("force", False)):
+        left(tmp_path / f"flow-force-at-{site}", "unexplained", (None, site))
+        assert judged(cases[2], tmp_path / f"flow-force-at-{site}").right is right
     key, digest = seal({"cases": [vars(case) for case in cases]}, tmp_path / "answers.sealed")
     (tmp_path / "cases.json").write_text(json.dumps({"answers_sha256": digest, "plant": "rotary-axis"}))
     text = score(tmp_path, key, "diagnose")
