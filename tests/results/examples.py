@@ -162,6 +162,7 @@ def identification():
     )
 
 
+@cache  # several tests ask for it, and it takes ten seconds
 def tuning():
     return optid.tune(model(), limits=(-5.0, 5.0), setpoints=(0.02,), starts=1, free=("kp", "kd"))
 
