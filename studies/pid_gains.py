@@ -15,7 +15,8 @@ knows these seven: "others" are twelve sets of sizes down to three quarters of t
 when nobody knows the sizes; on the plain rig the oracle's own cost rises there by 40 per cent.
 
 --reuse takes the recording, the model and the fit of an earlier run in DIR. Beside the three rigs there are "heavy"
-(5 kg, little friction) and "small" (32 mm bore, break-away, an overlapped valve), which no choice was made on.
+(5 kg, little friction) and "small" (32 mm bore, break-away, an overlapped valve): with `--rig` no choice was made on
+them, alone the ranges of optid/tuning/sticking_axis.py.
 
 Exit status 1 if a baseline is better than the tuned gains, or they hunt by 0.1 mm.
 """

@@ -5,7 +5,7 @@ The least axis with dry friction is a force that the command charges, a speed, a
     dF/dt = k (u + alpha |u| + d) - w^2 v - l |u| F,    dv/dt = F - c v - f sgn v,    dx/dt = v
 
 An open valve lets the force decay at the rate l |u|; k and w^2 vary over the stroke, here by parabolas about its
-middle (both follow from eqs. 3 to 8 of a cylinder, linearised). Without these terms dry friction is mistaken for
+middle (as eqs. 1, 2, 9 and 10 of a cylinder say, linearised). Without these terms dry friction is mistaken for
 damping. The force law integrated over time,
 
     F = dv/dt + c v + f sgn v = integral of k(x) (u + alpha |u|) + k d t - integral of w^2(x) dx - l integral of |u| F
@@ -44,7 +44,7 @@ SURE = 3.0  # standard errors
 # Half-widths of a dead zone, shares of the largest command; how many of them.
 NARROW, WIDEST, TRIED = 2e-3, 0.12, 25
 BETTER = 0.95  # a dead zone must leave less than this of the squared residual
-STEPS = 8  # of Gauss and Newton: the rate of decay then changes by less than a thousandth
+STEPS = 8  # of Gauss and Newton: on the rigs of studies/pid_gains.py the last one changes the decay by less than 1e-5
 STARTS = 5  # starts from rest needed for a break-away force
 
 
@@ -65,7 +65,7 @@ class SlidingAxis:
         decay: l, rate at which the force decays per command, 1/s over the command's unit.
         gain_slope, gain_curvature: share by which k grows per output's unit from the middle, and per its square.
         stiffness_slope, stiffness_curvature: the same of w^2.
-        reach: largest distance from the middle of the motion.
+        half_travel: largest distance from the middle of the motion.
     """
 
     speed_gain: float
@@ -82,16 +82,16 @@ class SlidingAxis:
     gain_curvature: float = 0.0
     stiffness_slope: float = 0.0
     stiffness_curvature: float = 0.0
-    reach: float = 0.0
+    half_travel: float = 0.0
 
     @property
-    def over_stroke(self) -> tuple[float, float, float, float, float]:
-        """Slope and curvature of the gain, of the stiffness, and the reach."""
+    def position_dependence(self) -> tuple[float, float, float, float, float]:
+        """Slope and curvature of the gain, of the stiffness, and half the travel over which they are known."""
         gain, stiffness = (
             (self.gain_slope, self.gain_curvature),
             (self.stiffness_slope, self.stiffness_curvature),
         )
-        return *gain, *stiffness, self.reach
+        return *gain, *stiffness, self.half_travel
 
 
 def mode_frequency(model: Armax) -> float | None:
@@ -139,11 +139,16 @@ def sliding_axis(y: Array, u: Array, sample_time: float, frequency: float) -> Sl
 
 @dataclass(frozen=True, eq=False)
 class _Regression:
-    """theta: c, f, l, w2, k, k alpha, k d, the slopes and the curvatures of w2, k, k alpha; their covariance.
+    """Least squares with one dead zone.
 
-    Squared residual, share explained, and the dead zone's half-width;
-
-    `force` is a + c v + f sgn v, `charged` the force that has built up, up to a constant; both (n,).
+    Attributes:
+        theta: c, f, l, w2, k, k alpha, k d, then the slopes and the curvatures of w2, k and k alpha.
+        covariance: of theta.
+        squares: sum of the squared residuals.
+        explained: share of the acceleration's variance.
+        width: half the dead zone.
+        force: from the motion, a + c v + f sgn v, (n,).
+        charged: from the command, up to a constant, (n,).
     """
 
     theta: Array
@@ -194,14 +199,14 @@ class _Signals:
         return _smooth(np.r_[0.0, np.cumsum(values)[:-1]] * self.T, self.window, self.T, 0)
 
     @property
-    def off_middle(self) -> Array:
+    def centred_position(self) -> Array:
         """Position from the middle of the motion."""
         return np.asarray(self.x - float(np.mean(self.x[self.moving])))
 
     @property
-    def reach(self) -> float:
+    def half_travel(self) -> float:
         """Largest distance from there, in motion."""
-        return float(np.max(np.abs(self.off_middle[self.moving])))
+        return float(np.max(np.abs(self.centred_position[self.moving])))
 
     def passed(self, width: float) -> Array:
         """The command after a dead zone."""
@@ -234,11 +239,11 @@ class _Signals:
 
     def _built_up(self, passed: Array) -> list[Array]:
         """The force that builds up for a unit of each parameter of its law: w2, k, k alpha, k d, the parabolas."""
-        off, opened = self.off_middle, np.abs(passed)
-        found = [-off, self.integral(passed), self.integral(opened), self.T * np.arange(float(off.size))]
+        x, opened = self.centred_position, np.abs(passed)
+        found = [-x, self.integral(passed), self.integral(opened), self.T * np.arange(float(x.size))]
         for power in (1, 2):
-            varied = [self.integral(passed * off**power), self.integral(opened * off**power)]
-            found += [-(off ** (power + 1)) / (power + 1), *varied]
+            varied = [self.integral(passed * x**power), self.integral(opened * x**power)]
+            found += [-(x ** (power + 1)) / (power + 1), *varied]
         return found
 
     def _within_stretches(self, table: Array) -> Array:
@@ -274,7 +279,7 @@ def _axis(signals: _Signals, found: _Regression) -> SlidingAxis | None:
         float(found.theta[11] / k),
         float(found.theta[7] / w2),
         float(found.theta[10] / w2),
-        signals.reach,
+        signals.half_travel,
     )
 
 

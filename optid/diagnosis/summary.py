@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from optid.diagnosis.result import Diagnosis, Finding
 
 
-NOTICED = 1.05  # times the noise: smaller errors need no explanation
-
-
 def p_told(p: float) -> str:
     """A p-value in readable form."""
     return "p < 1e-6" if p < 1e-6 else f"p = {p:.2g}"
@@ -49,14 +46,16 @@ def _at_bound(d: Diagnosis, estimates: Sequence[Estimate]) -> list[str]:
 def _consistent(d: Diagnosis) -> str:
     return (
         f"The fitted model is as good as the noise allows: held out, its {_span(d)} windows have an error of "
-        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}{_with_starts(d)}. {_nothing_more(d)} {_blind(d)}"
+        f"{_errors(d.test.base.scores)}; the noise is {_floor(d)}{_start_uncertainty(d)}. {_nothing_more(d)} "
+        f"{_blind(d)}"
     )
 
 
-def _with_starts(d: Diagnosis) -> str:
+def _start_uncertainty(d: Diagnosis) -> str:
     """What a correct model's windows err by, where the noise alone does not account for the errors."""
     scores, expected = d.test.base.scores, d.test.base.expected_errors(d.noise)
-    if all(s.rmse <= NOTICED * d.noise.get(role, math.inf) for role, s in scores.items()):
+    most = d.problem.criteria.error_over_noise
+    if all(s.rmse <= most * d.noise.get(role, math.inf) for role, s in scores.items()):
         return ""
     told = _by_role({role: quantity(rmse, scores[role].unit) for role, rmse in expected.items()})
     return f", and as the windows' starts are not known exactly, a correct model errs by {told}"

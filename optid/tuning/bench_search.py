@@ -105,25 +105,25 @@ def _least_feedback(task: Task, within: GainBounds, best: Evolved, runs: Sequenc
     1984, section 3.4.3).
     """
 
-    def by_run(point: Array) -> Array:
+    def cost_of_each_run(point: Array) -> Array:
         return np.array([_task_of_runs(task, [k]).fitness(within.gains(point))[0] for k in runs])
 
-    def bar_of(each: Array) -> float:
+    def one_standard_error_above(each: Array) -> float:
         return float(each.mean() + each.std() / math.sqrt(len(runs)))
 
-    bar = bar_of(by_run(best.point))
+    bar = one_standard_error_above(cost_of_each_run(best.point))
     feedback, gains = [PLACES[name] for name in SIGNED if name in within.free], within.gains(best.point)
     chosen = best.point
     for _ in range(LOWERED):
         gains[..., feedback] *= LOWER
         lower = within.points(gains).reshape(best.point.shape)
-        each = by_run(lower)
+        each = cost_of_each_run(lower)
         if each.mean() > bar:
             break
-        chosen, bar = lower, min(bar, bar_of(each))
+        chosen, bar = lower, min(bar, one_standard_error_above(each))
     if "ki" in within.free:
         still = np.where(np.array(within.free) == "ki", 0.0, chosen)
-        chosen = still if by_run(still).mean() <= bar else chosen
+        chosen = still if cost_of_each_run(still).mean() <= bar else chosen
     return _on_all_runs(task, within, [chosen])[0]
 
 

@@ -34,7 +34,7 @@ from optid.tuning.scenarios import Episode
 SHARES = (0.5, 0.25, 0.75)
 
 
-class Correction(NamedTuple):
+class CorrectionFactors(NamedTuple):
     """True values over those of a fit: viscous and dry friction, what is added to it at rest, gain, decay; share of the
     asymmetry in the valve.
     """
@@ -51,13 +51,12 @@ class Correction(NamedTuple):
 # 1.09, 1.1 to 1.46, 1.1 to 1.25 and 0.8 to 1.7 times what it found. If all of the asymmetry is in the valve, noise at
 # rest causes a drift that friction cannot hold; none, if pressures cause it in motion only: a recording of motion
 # cannot decide.
-NOMINAL = Correction(0.95, 1.25, 1.0, 1.15, 1.0, 0.5)
 CORRECTIONS = (
-    NOMINAL,
-    Correction(1.05, 1.1, 1.0, 1.1, 0.7, 0.0),
-    Correction(0.85, 1.45, 1.5, 1.2, 0.7, 1.0),
-    Correction(1.05, 1.1, 1.0, 1.25, 1.4, 1.0),
-    Correction(0.85, 1.45, 1.5, 1.1, 1.4, 0.0),
+    CorrectionFactors(0.95, 1.25, 1.0, 1.15, 1.0, 0.5),
+    CorrectionFactors(1.05, 1.1, 1.0, 1.1, 0.7, 0.0),
+    CorrectionFactors(0.85, 1.45, 1.5, 1.2, 0.7, 1.0),
+    CorrectionFactors(1.05, 1.1, 1.0, 1.25, 1.4, 1.0),
+    CorrectionFactors(0.85, 1.45, 1.5, 1.1, 1.4, 0.0),
 )
 # Share of the speed at half the command's range, over which break-away decays to friction in motion.
 CREEP = 0.01
@@ -80,8 +79,8 @@ class Mechanics:
         creep: speed over which break-away decays to sliding friction.
         asymmetry: alpha, by which it responds more to positive commands.
         decay: l, rate at which the force decays per command.
-        over_stroke: of k, then of w^2: share by which it grows per output's unit and per its square; and how far from
-            the start this is known: it is constant beyond.
+        position_dependence: of k, then of w^2: share by which it grows per output's unit and per its square; and how
+            far from the start this is known: it is constant beyond.
     """
 
     gain: float
@@ -93,7 +92,7 @@ class Mechanics:
     creep: float = 1.0
     asymmetry: float = 0.0
     decay: float = 0.0
-    over_stroke: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    position_dependence: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def fitted_mechanics(axis: SlidingAxis, command: float) -> tuple[Mechanics, ...]:
@@ -108,7 +107,7 @@ def fitted_mechanics(axis: SlidingAxis, command: float) -> tuple[Mechanics, ...]
             creep=CREEP * command * abs(axis.speed_gain),
             asymmetry=true.asymmetry * axis.asymmetry,
             decay=true.decay * axis.decay,
-            over_stroke=axis.over_stroke,
+            position_dependence=axis.position_dependence,
         )
         for true in CORRECTIONS
     )
@@ -156,7 +155,7 @@ class StickingAxis(Bench):
         steps = min(max(math.ceil(T * max(axis.frequency, axis.viscous) / FINE), 1), MOST)
         force = episode.gain * axis.gain, axis.asymmetry, axis.frequency**2, axis.decay
         friction = axis.viscous, axis.dry, (axis.breakaway - 1.0) * axis.dry, axis.creep
-        physics = np.array([*force, *friction, T / steps, *axis.over_stroke])
+        physics = np.array([*force, *friction, T / steps, *axis.position_dependence])
         one = episode.reference, episode.load, episode.noise
         _stuck_and_slid(vector, physics, self._dead, steps, axis.delay, one, y, u)
         return y, u

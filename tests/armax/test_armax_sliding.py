@@ -88,7 +88,7 @@ def test_dry_friction_is_not_taken_for_damping():
     """Though the force decays through the open valve, and the air is stiffer towards the ends of the stroke."""
     axis = found(decay=8.0, curvature=80.0)
     assert axis.dry_friction == pytest.approx(F, rel=0.15) and axis.damping == pytest.approx(C, rel=0.15)
-    assert axis.decay == pytest.approx(8.0, rel=0.3) and axis.reach > 0.05
+    assert axis.decay == pytest.approx(8.0, rel=0.3) and axis.half_travel > 0.05
     assert axis.gain_curvature == pytest.approx(80.0, rel=0.3)
     assert axis.stiffness_curvature == pytest.approx(80.0, rel=0.3)
     assert abs(axis.gain_slope) < 0.5 and abs(axis.stiffness_slope) < 0.5

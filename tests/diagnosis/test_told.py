@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from optid.diagnosis import findings
+from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.localisation.region import Range
 from optid.diagnosis.summary import (
     _nearest,
     _nothing_more,
+    _start_uncertainty,
     _unexplained,
     _what_errs,
     _when,
     _where,
-    _with_starts,
 )
 from optid.diagnosis.validation import Validated
 from optid.estimation.result import Score
@@ -183,4 +184,13 @@ def test_errors_above_the_noise_of_a_sound_model_are_accounted_for(errs, told):
     base = Evaluation(
         0.5, blocks, off, off, measured, np.arange(400.0), blocks * 0, scores, np.full((400, 1), 4e-5)
     )
-    assert _with_starts(SimpleNamespace(test=SimpleNamespace(base=base), noise={"position": 3e-5})) == told
+    assert (
+        _start_uncertainty(
+            SimpleNamespace(
+                test=SimpleNamespace(base=base),
+                noise={"position": 3e-5},
+                problem=SimpleNamespace(criteria=Criteria()),
+            )
+        )
+        == told
+    )

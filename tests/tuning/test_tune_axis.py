@@ -133,7 +133,7 @@ def test_what_friction_holds_does_not_move():
 def test_the_force_decays_and_the_air_is_stiffer_off_the_middle():
     """At full command, against the equations in finer steps; beyond its reach the parabola stays as it is."""
     axis, reach, h = Mechanics(2000.0, 60.0, 30.0, 20.0, decay=6.0), 0.05, 1e-5
-    varied = replace(axis, over_stroke=(-2.0, 90.0, 3.0, 70.0, reach))
+    varied = replace(axis, position_dependence=(-2.0, 90.0, 3.0, 70.0, reach))
     [episode] = StepPlan((10.0,), 250, T).episodes()
     [run] = StickingAxis([varied], (episode,))(Gains(1e3), Settings(T, low=-2.0, high=2.0))
     x = v = force = 0.0
@@ -326,7 +326,10 @@ def test_the_axis_that_a_recording_shows_judges():
     # What the regression mistakes is put right; half of the asymmetry is the valve's, none and all in the other sets.
     first = judge.axes[0]
     assert (first.viscous, first.dry, first.breakaway) == pytest.approx((28.5, 25.0, 1.5))
-    assert first.gain == pytest.approx(1.15 * 0.55 * 60.0**2) and first.over_stroke == SHOWN.over_stroke
+    assert (
+        first.gain == pytest.approx(1.15 * 0.55 * 60.0**2)
+        and first.position_dependence == SHOWN.position_dependence
+    )
     assert [one.asymmetry for one in judge.axes] == pytest.approx([0.05, 0.0, 0.1, 0.1, 0.0])
     assert {e.load[0] for e in judge.episodes} == {-0.04} and all(e.noise.any() for e in judge.episodes)
     assert {e.variant for e in judge.episodes} == set(range(5)) and max(e.gain for e in judge.episodes) > 1.0
