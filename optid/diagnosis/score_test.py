@@ -73,7 +73,10 @@ def origin_at(
     if held is None:
         return None
     free = list(q.free)
-    errors, slopes = Residuals(q, p, q.model, held, resets=resets).linearised()
+    residuals = Residuals(q, p, q.model, held, resets=resets)
+    errors, slopes = (
+        each[: -len(free)] for each in residuals.linearised(residuals.start)
+    )  # without the priors
     values = dict(zip((one.name for one in q.model.parameters), p.tolist(), strict=True))
     room = ((q.low - p[free]) / q.typical, (q.high - p[free]) / q.typical)
     return Origin(values, held, errors, slopes, per_window, room)

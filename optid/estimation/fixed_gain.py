@@ -80,15 +80,19 @@ class Residuals:
 
     def jacobian(self, x: Array, z: Array, steps: Array) -> Array:
         """By finite differences at x, where the residuals are z, (rows, free)."""
-        steps = np.where(x + steps > self.bounds[1], -steps, steps)
-        return ((self.at(x + np.diag(steps)) - z) / steps[:, None]).T
+        X, steps = self._aside(x, steps)
+        return ((self.at(X) - z) / steps[:, None]).T
 
-    def linearised(self) -> tuple[Array, Array]:
-        """Innovations in sd at the start, (measured,), and their slopes, (measured, free): without the priors."""
-        x = self.start
-        (z,) = self.at(x[None])
-        measured = len(z) - len(x)
-        return z[:measured], self.jacobian(x, z, np.full(len(x), NUDGES[1]))[:measured]
+    def linearised(self, x: Array) -> tuple[Array, Array]:
+        """Residuals at x, (rows,), and their slopes, (rows, free), of one simulation."""
+        X, steps = self._aside(x, np.full(len(x), NUDGES[1]))
+        Z = self.at(np.vstack([x, X]))
+        return Z[0], ((Z[1:] - Z[0]) / steps[:, None]).T
+
+    def _aside(self, x: Array, steps: Array) -> tuple[Array, Array]:
+        """Points a step of each parameter aside of x, within the bounds, (free, free), and these steps, (free,)."""
+        steps = np.where(x + steps > self.bounds[1], -steps, steps)
+        return x + np.diag(steps), steps
 
     def damped_points(
         self, x: Array, z: Array, J: Array, scale: float, counted: Booleans | None = None
@@ -153,28 +157,34 @@ def fixed_gain_fit(
     """
     residuals = Residuals(q, p, plain, guide, resets)
     x = residuals.start
-    (z,) = residuals.at(x[None])
+    z, slopes = residuals.linearised(x)
     if not np.abs(z[: len(z) - len(x)]).min() < LOST:
         raise SolveError(
             "the simulation diverged at the start values (NaN or infinite); check them and their units"
         )
-    loss, scale, nudges, J = 0.5 * float(huber(z).sum()), 1.0, np.full(len(x), NUDGES[1]), None
+    loss, scale, nudges = 0.5 * float(huber(z).sum()), 1.0, _nudges(slopes)
+    J: Array | None = slopes
+    simulated = True
     for _ in range(steps):
-        simulated = J is None
         if J is None:
-            J = residuals.jacobian(x, z, nudges)
-            nudges = np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+            J, simulated = residuals.jacobian(x, z, nudges), True
+            nudges = _nudges(J)
         step = _levenberg_marquardt_step(residuals, x, z, loss, J, scale)
         if step is None and simulated:
             break
         if step is None:
             J = None
             continue
-        before, J = loss, checked_broyden_update(J, step.x - x, step.z - z)
+        before, J, simulated = loss, checked_broyden_update(J, step.x - x, step.z - z), False
         x, z, loss, scale = step
         if before - loss < SETTLED * loss:
             break
     return FixedGainFit(residuals.parameter_sets(x[None])[0], loss)
+
+
+def _nudges(J: Array) -> Array:
+    """Steps of each parameter for its finite difference that suit its slopes (rows, free)."""
+    return np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
 
 
 class _Step(NamedTuple):
@@ -219,8 +229,7 @@ def cross_validated_residuals(residuals: Residuals, fold: Integers) -> Array:
         fold: of each measured value, (measured,); negative ones are predicted with the parameters as they are.
     """
     x = residuals.start
-    (z,) = residuals.at(x[None])
-    J = residuals.jacobian(x, z, np.full(len(x), NUDGES[1]))
+    z, J = residuals.linearised(x)
     numbers, rows = np.unique(fold[fold >= 0]), np.append(fold, np.full(len(x), -1))
     X = np.concatenate([residuals.damped_points(x, z, J, 1.0, rows != number) for number in numbers])
     Z, found = residuals.at(X).reshape(len(numbers), len(DAMPINGS), -1), z.copy()

@@ -62,7 +62,10 @@ class Linearisation:
     def of(cls, model: FittedModel, problem: DiagnosisProblem) -> Self:
         """At the model's parameters."""
         q = model.likelihood_problem
-        return cls(model, problem, Residuals(q, model.p, q.model, model.fit.filtered).linearised()[1])
+        residuals = Residuals(q, model.p, q.model, model.fit.filtered)
+        return cls(
+            model, problem, residuals.linearised(residuals.start)[1][: -len(q.free)]
+        )  # without the priors
 
 
 def strongest_sinusoid(
