@@ -20,6 +20,8 @@
     const figure = JSON.parse(shaded(text, dark));
     const [ink, grid, line] = dark ? ["#c3c9d0", "#2c323a", "#4a525c"] : ["#4a525c", "#edf0f2", "#c9ced4"];
     figure.layout.font = { family: 'system-ui, "Segoe UI", Arial, sans-serif', size: 12, color: ink };
+    figure.layout.modebar = { bgcolor: "rgba(0,0,0,0)", color: line, activecolor: ink }; // half black over a clear page else
+    for (const trace of figure.data) if (!trace.name) trace.hoverinfo ??= "x+y"; // else "trace 1" stands beside it
     for (const [name, axis] of Object.entries(figure.layout))
       if (/^[xy]axis/.test(name)) Object.assign(axis, { gridcolor: grid, linecolor: line, showline: true, ticks: "" });
     return figure;
