@@ -23,8 +23,9 @@ WHOLE = 0.75  # of a filter's weight that must be measured for its result to cou
 SAMPLES = 10  # samples per period of the fastest pole
 MOST = 5.0  # times FASTEST: a faster pole (a sticking contact) is left to the integrator
 SHARE = 0.01  # of the response from which a pole counts
-_LOBES = 4  # zero crossings of the low-pass on either side
-_PASS = 0.8  # of the new Nyquist frequency that passes unattenuated
+_LOBES = 8  # new samples that the low-pass reaches to either side
+_ROLL_OFF = 0.4  # it falls off between 1 - this and 1 + this, in the new Nyquist frequency
+_GRID = 1000  # frequencies over which its response is integrated
 _ALONG = 1 << 17  # samples simulated to find the poles
 _POINTS = 24  # of the motion at which the model is linearised
 
@@ -135,8 +136,8 @@ def _fastest(A: Array, B: Array, C: Array, scales: Array) -> float:
 def decimated(recording: Recording, commands: Iterable[str], fastest: float = FASTEST) -> Recording:
     """A recording of at most about `fastest` samples a second; slower ones come back as they are.
 
-    Measured channels pass a zero-phase low-pass whose band ends below half the new rate, so that nothing is aliased
-    and their noise falls by averaging; held ones are averaged over the time until the next sample, which keeps their
+    Measured channels pass a zero-phase low-pass that ends about half the new rate; their noise falls by averaging and
+    stays as white as it was. Held ones are averaged over the time until the next sample, which keeps their
     impulse. Each stretch between gaps is decimated separately.
 
     Args:
@@ -187,11 +188,16 @@ def _placed(values: Array, count: int) -> Array:
 
 
 def _low_pass(count: int) -> Array:
-    """Weights of a windowed sinc (Kaiser, 50 dB) that passes up to `_PASS` of half the new rate; they sum to one."""
-    half = _LOBES * count
-    k = np.arange(-half, half + 1)
-    cut = (1.0 + _PASS) / 2 / count
-    weights = np.sinc(cut * k) * np.kaiser(2 * half + 1, 4.5)
+    """Weights of a root-raised-cosine low-pass, windowed (Kaiser, 50 dB); they sum to one.
+
+    White noise stays white: the filter's autocorrelation vanishes at every multiple of `count`. Half of its power
+    passes at half the new rate.
+    """
+    k = np.arange(-_LOBES * count, _LOBES * count + 1) / count
+    rate = np.linspace(0.0, 0.5 + 0.5 * _ROLL_OFF, _GRID)
+    falling = np.clip((rate - 0.5) / _ROLL_OFF + 0.5, 0.0, 1.0)
+    weights = np.trapezoid(np.cos(0.5 * math.pi * falling) * np.cos(2.0 * math.pi * k[:, None] * rate), rate)
+    weights = weights * np.kaiser(len(k), 4.5)
     return np.asarray(weights / weights.sum())
 
 

@@ -184,7 +184,7 @@ def fixed_gain_fit(
 
 def _nudges(J: Array) -> Array:
     """Steps of each parameter for its finite difference that suit its slopes (rows, free)."""
-    return np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2])
+    return np.asarray(np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2]))
 
 
 class _Step(NamedTuple):

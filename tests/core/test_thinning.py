@@ -7,6 +7,7 @@ import pytest
 
 from optid.core.decimation import at_samples_of, decimated
 from optid.core.recording import Channel, Recording
+from optid.quality.noise import colour, noise_sd
 
 
 def record(rate: float, noise: float = 0.0, seconds: float = 2.0) -> Recording:
@@ -35,6 +36,17 @@ def test_the_motion_stays_and_the_noise_falls(rate):
     assert 0.85 < slow["position"].sd / (3e-5 / np.sqrt(count)) < 1.0 + 1e-9
     whole, few = record(rate)["command"].values, slow["command"].values
     assert few == pytest.approx(whole.reshape(-1, int(count)).mean(axis=1))
+
+
+@pytest.mark.parametrize("rate", [2000.0, 5000.0, 16000.0])
+def test_white_noise_stays_white(rate):
+    """Coloured noise would count as more than there is, in searches and in intervals."""
+    values = decimated(record(rate, 3e-5, seconds=10.0), ["command"])["position"].values
+    clean = decimated(record(rate, seconds=10.0), ["command"])["position"].values
+    noise = values - clean
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.05
+    assert colour(values) == 0.0
+    assert noise_sd(values) == pytest.approx(3e-5 / np.sqrt(rate / 1000.0), rel=0.05)
 
 
 def test_what_is_missing_shifts_nothing():
