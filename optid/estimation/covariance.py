@@ -27,8 +27,6 @@ from optid.estimation.problem import Problem
 from optid.estimation.result import CONFIDENCE, Z95
 from optid.estimation.smoother import Objective, Point, System, Terms, settled_system, solve_schur
 
-SCATTER = 0.05  # probability of using the blocks' variance although the stationary one is right
-
 
 def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) -> Array:
     """Covariance of the free parameters, (free, free), SI, for normal quantiles; zero for the `held` ones."""
@@ -52,7 +50,8 @@ def covariance(o: Objective, at: Point, t: Terms, q: Array, held: np.ndarray) ->
     blocks, freedom = _newey_west(contributions, o.problem)
     prior = solve_schur(s, np.diag((o.typical * ~held / o.prior_sd) ** 2))
     prior = solve_schur(s, prior.T)  # contribution of the prior: S^-1 (1/sd^2) S^-1
-    more = np.diag(blocks) > special.chdtri(freedom, SCATTER) / freedom * np.diag(stationary)
+    # With the level of the intervals the blocks' variance is used although the stationary one is right.
+    more = np.diag(blocks) > special.chdtri(freedom, 1.0 - CONFIDENCE) / freedom * np.diag(stationary)
     wider = (special.stdtrit(freedom, (1.0 + CONFIDENCE) / 2.0) / Z95) ** 2
     sd = np.sqrt(np.where(more, wider * np.diag(blocks), np.diag(stationary)))
     correlation = stationary / np.maximum(np.sqrt(np.outer(np.diag(stationary), np.diag(stationary))), 1e-300)

@@ -182,4 +182,4 @@ def _step(here: LikelihoodPoint, gradient: Array, information: Array, damping: f
     free = np.full(len(levels), math.inf)  # levels are clipped where they are used
     x = np.concatenate([here.p[list(q.free)], levels])
     low, high = np.concatenate([q.low, -free]), np.concatenate([q.high, free])
-    return damped_step(gradient, information, damping, x, low, high)
+    return damped_step(gradient, information, damping, x, low, high, floor=0.0)

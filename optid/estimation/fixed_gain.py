@@ -248,7 +248,7 @@ def damped_step(
     x: Array,
     low: Array,
     high: Array,
-    floor: float = 0.0,
+    floor: float,
     held: Booleans | None = None,
 ) -> Array:
     """A Levenberg-Marquardt step, (coordinates,); a coordinate of x at a bound that it would leave is fixed.

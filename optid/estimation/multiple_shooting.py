@@ -25,7 +25,7 @@ from optid.estimation.noise_continuation import HARD, TIGHT, Pace, Solution, ann
 from optid.estimation.objective import objective_of, with_nuisance_parameters
 from optid.estimation.output_error import fit_by_simulation
 from optid.estimation.problem import Booleans, build_problem, node_distance
-from optid.estimation.result import Z95, Certificate, Estimate, Fit, Outcome
+from optid.estimation.result import CONFIDENCE, Z95, Certificate, Estimate, Fit, Outcome
 from optid.estimation.smoother import Objective, Point, Terms, Watch
 from optid.rigs.rigfile import Rig
 
@@ -295,8 +295,8 @@ def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> 
     """Variance added for errors of the model, (free,): Hausman's (1978) comparison of two estimates.
 
     The deterministic fit is the better estimate of a perfect model and a biased one of an imperfect model; the
-    fit with process noise is less affected. Where they differ by more than their variances allow at 5 %, the
-    excess is due to the model and widens the interval.
+    fit with process noise is less affected. Where they differ by more than their variances allow at the level of the
+    intervals, the excess is due to the model and widens the interval.
     """
     try:
         at, terms = tightened(o, best)
@@ -304,7 +304,7 @@ def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> 
     except (SolveError, np.linalg.LinAlgError):
         return np.zeros(len(o.free))
     difference = (at.p - best.at.p)[list(o.free)]
-    allowed = special.chdtri(1, 0.05) * np.abs(np.diag(cov) - own)
+    allowed = special.chdtri(1, 1.0 - CONFIDENCE) * np.abs(np.diag(cov) - own)
     return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, np.maximum(own - np.diag(cov), 0.0)))
 
 

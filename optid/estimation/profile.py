@@ -26,7 +26,7 @@ from optid.estimation.multiple_shooting import FitOptions
 from optid.estimation.noise_continuation import SETTLED
 from optid.estimation.objective import objective_of, with_nuisance_parameters
 from optid.estimation.problem import build_problem, node_distance
-from optid.estimation.result import Fit
+from optid.estimation.result import CONFIDENCE, Fit
 from optid.estimation.smoother import Objective, Point, Terms, descend, settled_system, solve_schur
 from optid.rigs.rigfile import Rig
 
@@ -134,7 +134,7 @@ def profile(
     o = replace(o, low=np.where(p[list(o.free)] < o.low, widest, o.low))
     best, terms, _ = descend(o, Point(fit.states, p), q, precision=SETTLED / 100)
     curved, sd = _curved(o, best, terms, fit, k), math.sqrt(fit.covariance[k, k])
-    limit = float(special.chdtri(1, 0.05))
+    limit = float(special.chdtri(1, 1.0 - CONFIDENCE))
     walk = _ProfilePath(o, q, k, STRIDE * math.sqrt(limit) * sd, limit * (sd / curved) ** 2, progress)
     middle = (float(best.p[o.free[k]]), terms.cost, best.p)
     down, up = (_follow(walk, best, terms.cost, way) for way in (-1, 1))

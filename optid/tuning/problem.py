@@ -18,6 +18,7 @@ from optid.tuning.defaults import (
     command_limits,
     controller_settings,
     episode_samples,
+    half_range,
     reachable,
     refuse_no_step,
     refuse_out_of_reach,
@@ -147,7 +148,8 @@ def build_problem(
     known = model, contents.axis if model is contents.chosen else None
     judges = judges_of(plan, plants[0], known, spec, settings, rig if tune_on_rig else None)
     if rig is not None:
-        judges = with_rig(judges, plan, spec, (rig, contents.output, tune_on_rig), rng)
+        axis = known[1], half_range(settings)
+        judges = with_rig(judges, plan, spec, (rig, contents.output, tune_on_rig), rng, axis)
     required = spec.required
     if spec.usual_sensitivity:
         required = replace(required, maximum_sensitivity=judges.sensitivity)
