@@ -108,22 +108,28 @@ def _lead(tuning: Tuning, problem: TuningProblem, unit: str) -> str:
 
 
 def _episodes(tuning: Tuning, problem: TuningProblem) -> list[dict[str, Any]]:
-    found = []
+    """Pictures of some steps: on the plant that judged first; of a loop that only friction holds, none without it."""
     rivals = [one for one in tuning.baselines if one.name in _RIVALS and one.gains is not None]
-    pair = problem.output_unit, problem.command_unit
+    pair, found = (problem.output_unit, problem.command_unit), []
+    on = tuning.on_bench
+    model = "the identified model" if on else problem.judged_on
+    plants = {False: model, True: "the rig's physical model, with friction and all its nonlinearities"}
+    drawn = [bench for bench in (on, not on) if (problem.bench is not None if bench else _holds(tuning))]
     for number, run in _shown(tuning):
-        entry: dict[str, Any] = {
-            "name": f"{run.episode.name} {problem.output_unit if run.episode.size else problem.command_unit}",
-            "model": Markup(figures.responses(tuning, _bounded(rivals, number, False), number, pair, False)),
-            "bench": None,
-            "facts": _facts(run),
-        }
-        if problem.bench is not None:
-            entry["bench"] = Markup(
-                figures.responses(tuning, _bounded(rivals, number, True), number, pair, True)
-            )
-        found.append(entry)
+        pictures = []
+        for bench in drawn:
+            own = (tuning.found.bench if bench else tuning.found.responses)[number]
+            figure = figures.responses(tuning, _bounded(rivals, number, bench), number, pair, bench)
+            said = f"On {plants[bench]}: {_facts(own)}. The legend gives each ITAE."
+            pictures.append((said, Markup(figure)))
+        unit = problem.output_unit if run.episode.size else problem.command_unit
+        found.append({"name": f"{run.episode.name} {unit}", "pictures": pictures})
     return found
+
+
+def _holds(tuning: Tuning) -> bool:
+    """Whether the loop holds on the model that its responses are of."""
+    return tuning.found.stable or not tuning.on_bench
 
 
 def _drive(tuning: Tuning, problem: TuningProblem, structure: Structure) -> list[tuple[str, str, str]]:
@@ -220,7 +226,7 @@ def _row(one: Scored, bench: bool) -> dict[str, str]:
         "bench": number(one.total("itae", True)) if bench else "",
         "ms": number(one.margins.maximum_sensitivity) if one.stable else "–",
         "gains": f"{one.gains.kp:.4g}, {one.gains.ki:.4g}, {one.gains.kd:.4g}",
-        "state": "" if one.stable else "unstable",
+        "state": "" if one.stable else "unstable on the linear model",
         "note": one.note,
     }
 
