@@ -7,6 +7,7 @@ be inserted several at a time, all but one at their nulls: that is one model to 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from optid.core.model import Array
 from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
-from optid.estimation.fixed_gain import LOST, SETTLED, Residuals, innovations
+from optid.estimation.fixed_gain import LOST, Residuals, innovations
 from optid.estimation.likelihood import Filtered, huber, huber_weight
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import quiet_filter
@@ -26,6 +27,7 @@ from optid.rigs.rig import with_effects
 
 LITTLE = 0.1  # of a direction, or of a wave's height: step of its finite difference
 FARTHEST = 3.0  # times the usual size: largest strength along a branch
+ROUNDS = 2  # iterations of reweighting in a linear fit
 UNSEEN = 0.01  # sd: a smaller change is the integrator's
 
 
@@ -170,8 +172,8 @@ def _explained(origin: Origin, changes: Array, least: float) -> tuple[Array, flo
     slopes, z, some = np.column_stack([origin.slopes, changes]), origin.errors, changes.shape[1]
     low = np.append(origin.room[0], np.full(some, least))
     high = np.append(origin.room[1], np.full(some, FARTHEST))
-    taken, best, gain = np.zeros(slopes.shape[1]), 0.5 * float(huber(z).sum()), 1.0
-    while gain > SETTLED:  # reweighted
+    taken, best = np.zeros(slopes.shape[1]), math.inf
+    for _ in range(ROUNDS):
         weight = huber_weight(z)
         normal = (slopes.T * weight) @ slopes
         size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -186,8 +188,7 @@ def _explained(origin: Origin, changes: Array, least: float) -> tuple[Array, flo
         )
         z = origin.errors + slopes @ step
         loss = 0.5 * float(huber(z).sum())
-        gain = 1.0 - loss / best
-        if gain > 0.0:
+        if loss < best:
             taken, best = step, loss
     return taken, best
 
