@@ -38,6 +38,7 @@ class Bench:
 
     def __init__(self, episodes: tuple[Episode, ...]) -> None:
         self._episodes = episodes
+        self._hunting_alone = False
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
@@ -92,12 +93,19 @@ class Bench:
                 episode = self._episodes[e]
                 one = response(episode, *self._run(vector, settings, episode), T)
                 with lock:
-                    own = criterion.of(one, T, command_size)
-                    cost[i] += episode.weight * own * float(_times(np.array(one.hunting), rest))
+                    times = float(_times(np.array(one.hunting), rest)) - self._hunting_alone
+                    if times > 0.0:
+                        cost[i] += episode.weight * criterion.of(one, T, command_size) * times
                     hunting[i] = max(hunting[i], one.hunting)
 
         parallel_for(len(gains) * len(self._episodes), run)
         return cost, hunting
+
+    def against_hunting(self) -> Bench:
+        """The same, whose cost is only what hunting adds to it."""
+        guard = copy(self)
+        guard._hunting_alone = True
+        return guard
 
     def only(self, chosen: Sequence[int]) -> Bench:
         """The same with some of its episodes, by number."""

@@ -35,9 +35,9 @@ TOGETHER = 12  # candidates between two checks of the time limit
 DRAWN = 20  # candidates drawn for each one needed, to find those that keep the margins
 
 
-FIRST, SECOND, THIRD = 400, 80, 12  # candidates on run 1, the best of them also on run 2, and on all
+FIRST, SECOND, THIRD = 600, 80, 12  # candidates on run 1, the best of them also on run 2, and on all
 REGIONS, APART = 2, 0.1  # regions that are continued, and their distance in the cube
-GENERATIONS, LAST = 24, 16  # generations in each region, and around the best result on two runs each
+GENERATIONS, LAST = 36, 24  # generations in each region, and around the best result on two runs each
 SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
 NEAR = 0.04  # sd of the kernel, in the cube
 LOWER, LOWERED = 0.84, 14  # factor on all gains from one candidate to the next; how many at most: to a tenth
