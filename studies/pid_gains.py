@@ -15,8 +15,8 @@ knows these seven: "others" are twelve sets of sizes down to three quarters of t
 when nobody knows the sizes; on the plain rig the oracle's own cost rises there by 40 per cent.
 
 --reuse takes the recording, the model and the fit of an earlier run in DIR. Beside the three rigs there are "heavy"
-(5 kg, little friction) and "small" (32 mm bore, break-away, an overlapped valve): with `--rig` no choice was made on
-them, alone the ranges of optid/tuning/sticking_axis.py.
+(5 kg, little friction) and "small" (32 mm bore, break-away, an overlapped valve): the ranges of
+optid/tuning/sticking_axis.py and the length of the search with `--rig` were chosen beside them, too.
 
 Exit status 1 if a baseline is better than the tuned gains, or they hunt by 0.1 mm.
 """

@@ -21,6 +21,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.pid.pid_step import KD, KP
 from optid.tuning.evolution_strategy import evolution_strategy
+from optid.tuning.guarded_bench import GuardedBench
 from optid.tuning.scenarios import Episode
 from optid.tuning.search import PLACES, SIGNED, Evolved, GainBounds
 from optid.tuning.task import Task
@@ -35,9 +36,11 @@ TOGETHER = 12  # candidates between two checks of the time limit
 DRAWN = 20  # candidates drawn for each one needed, to find those that keep the margins
 
 
-FIRST, SECOND, THIRD = 600, 80, 12  # candidates on run 1, the best of them also on run 2, and on all
+SECOND, THIRD = 80, 12  # the best candidates of run 1 that also go on run 2, and on all
 REGIONS, APART = 2, 0.1  # regions that are continued, and their distance in the cube
-GENERATIONS, LAST = 36, 24  # generations in each region, and around the best result on two runs each
+# Candidates on run 1; generations in each region, and around the best result on two runs each. With a rig's model and a
+# guard a longer search pays; on a simplified axis alone it finds more of what the simulation has and the rig has not.
+USUAL, LONG = (400, 24, 16), (600, 36, 24)
 SPREAD, LAST_SPREAD = 0.06, 0.03  # sd of its first generation
 NEAR = 0.04  # sd of the kernel, in the cube
 LOWER, LOWERED = 0.84, 14  # factor on all gains from one candidate to the next; how many at most: to a tenth
@@ -78,7 +81,8 @@ def search_on_bench(
         used += len(points)
         return _judged(task, within, points, [runs[k % len(runs)] for k in numbers], effort)
 
-    points = np.vstack([seeds, _spread_out(task, within, FIRST, rng)])
+    count, generations, last_ones = LONG if isinstance(task.bench, GuardedBench) else USUAL
+    points = np.vstack([seeds, _spread_out(task, within, count, rng)])
     seen = EvaluatedCandidates(points, cost(points, 0), np.ones(len(points)))
     best = seen.best(points, SECOND)
     seen = seen.and_also(best, cost(best, 1), 1)
@@ -88,10 +92,12 @@ def search_on_bench(
     answers = []
     for number, start in enumerate(_distinct([end.point for end in tried])):
         effort.said(0.35 + 0.2 * number, "")
-        answers.append(evolution_strategy(lambda p, g: cost(p, 1 + g), start, SPREAD, GENERATIONS, rng))
+        answers.append(evolution_strategy(lambda p, g: cost(p, 1 + g), start, SPREAD, generations, rng))
     ends = sorted([*_on_all_runs(task, within, answers), tried[0]], key=lambda end: end.fitness)
     effort.said(0.85, "")
-    last = evolution_strategy(lambda p, g: cost(p, 2 * g, 2 * g + 1), ends[0].point, LAST_SPREAD, LAST, rng)
+    last = evolution_strategy(
+        lambda p, g: cost(p, 2 * g, 2 * g + 1), ends[0].point, LAST_SPREAD, last_ones, rng
+    )
     first, *others = sorted([*_on_all_runs(task, within, [last]), *ends], key=lambda end: end.fitness)
     if not effort.over():
         first = _least_feedback(task, within, first, runs)

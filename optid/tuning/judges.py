@@ -23,9 +23,9 @@ from optid.tuning.sticking_axis import StickingAxis, assumed_mechanics, fitted_m
 
 UNIT = "V"  # of a constant load
 RUNS, SHOWN_RUNS = 2, 5  # runs of each size; those in tables
-# With assumed friction; with friction identified from a recording or in a rig's model: with 39 runs gains were found
-# that hunt in one of 203 on the rig.
-STICKING_RUNS, FRICTION_RUNS = 9, 78
+# With assumed friction; with friction identified from a recording, where more runs meet more of what its simulation has
+# and the rig has not; with a rig's model: with 39 runs gains were found that hunt in one of 203 on the rig.
+STICKING_RUNS, FITTED_RUNS, BENCH_RUNS = 9, 39, 78
 # Factor on the command in a third of the steps of an axis that a recording shows: the smallest gain margin that is
 # usually recommended (Astrom and Hagglund, Advanced PID Control, 2006, section 4.6: 2 to 5).
 GAIN_MARGIN = 2.0
@@ -92,7 +92,7 @@ def judges_of(
 
 def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half: float) -> Judges:
     """Judges with the axis that was fitted to the recording."""
-    judge = _shown_axis(replace(plan, runs=FRICTION_RUNS), shown, spec, half, GAIN_MARGIN)
+    judge = _shown_axis(replace(plan, runs=FITTED_RUNS), shown, spec, half, GAIN_MARGIN)
     said = _said_of_shown(shown, len(judge.axes) - 1)
     return Judges(judge, judge.episodes, FITTED, said, sensitivity=None)
 
@@ -152,7 +152,7 @@ def with_rig(
         return replace(
             judges, bench=PhysicalBench(rig, judges.episodes, output, 0.0, variants, BENCH_TOLERANCE)
         )
-    plan = replace(plan, runs=FRICTION_RUNS)
+    plan = replace(plan, runs=BENCH_RUNS)
     on_rig = replace(plan, variants=len(variants), stronger=STRONGER, quiet=False)
     episodes = episodes_of(on_rig, spec)
     shown = episodes_of(replace(on_rig, runs=SHOWN_RUNS), spec)

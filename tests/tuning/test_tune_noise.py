@@ -63,7 +63,7 @@ def test_what_a_search_tried_is_counted(monkeypatch):
     monkeypatch.setattr(bench_search, "_episodes", lambda task: [])
     monkeypatch.setattr(bench_search, "_spread_out", lambda task, within, count, rng: rng.random((count, 2)))
     monkeypatch.setattr(bench_search, "_least_feedback", lambda task, within, best, runs: best)
-    task = SimpleNamespace(fitness=lambda points: points.sum(axis=1))
+    task = SimpleNamespace(fitness=lambda points: points.sum(axis=1), bench=None)
     within = SimpleNamespace(gains=lambda points: points)
     start = np.full((1, 2), 0.5)
     ends = bench_search.search_on_bench(task, within, start, np.random.default_rng(0), bench_search.Effort())
