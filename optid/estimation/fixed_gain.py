@@ -80,16 +80,16 @@ class Residuals:
 
     def jacobian(self, x: Array, z: Array, steps: Array) -> Array:
         """By finite differences at x, where the residuals are z, (rows, free)."""
-        X, steps = self._aside(x, steps)
+        X, steps = self._displaced(x, steps)
         return ((self.at(X) - z) / steps[:, None]).T
 
     def linearised(self, x: Array) -> tuple[Array, Array]:
         """Residuals at x, (rows,), and their slopes, (rows, free), of one simulation."""
-        X, steps = self._aside(x, np.full(len(x), NUDGES[1]))
+        X, steps = self._displaced(x, np.full(len(x), NUDGES[1]))
         Z = self.at(np.vstack([x, X]))
         return Z[0], ((Z[1:] - Z[0]) / steps[:, None]).T
 
-    def _aside(self, x: Array, steps: Array) -> tuple[Array, Array]:
+    def _displaced(self, x: Array, steps: Array) -> tuple[Array, Array]:
         """Points a step of each parameter aside of x, within the bounds, (free, free), and these steps, (free,)."""
         steps = np.where(x + steps > self.bounds[1], -steps, steps)
         return x + np.diag(steps), steps
@@ -162,13 +162,13 @@ def fixed_gain_fit(
         raise SolveError(
             "the simulation diverged at the start values (NaN or infinite); check them and their units"
         )
-    loss, scale, nudges = 0.5 * float(huber(z).sum()), 1.0, _nudges(slopes)
+    loss, scale, nudges = 0.5 * float(huber(z).sum()), 1.0, _difference_steps(slopes)
     J: Array | None = slopes
     simulated = True
     for _ in range(steps):
         if J is None:
             J, simulated = residuals.jacobian(x, z, nudges), True
-            nudges = _nudges(J)
+            nudges = _difference_steps(J)
         step = _levenberg_marquardt_step(residuals, x, z, loss, J, scale)
         if step is None and simulated:
             break
@@ -182,7 +182,7 @@ def fixed_gain_fit(
     return FixedGainFit(residuals.parameter_sets(x[None])[0], loss)
 
 
-def _nudges(J: Array) -> Array:
+def _difference_steps(J: Array) -> Array:
     """Steps of each parameter for its finite difference that suit its slopes (rows, free)."""
     return np.asarray(np.clip(REACH / np.maximum(np.linalg.norm(J, axis=0), 1e-12), NUDGES[0], NUDGES[2]))
 

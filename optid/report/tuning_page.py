@@ -114,7 +114,9 @@ def _episodes(tuning: Tuning, problem: TuningProblem) -> list[dict[str, Any]]:
     on = tuning.on_bench
     model = "the identified model" if on else problem.judged_on
     plants = {False: model, True: "the rig's physical model, with friction and all its nonlinearities"}
-    drawn = [bench for bench in (on, not on) if (problem.bench is not None if bench else _holds(tuning))]
+    drawn = [
+        bench for bench in (on, not on) if (problem.bench is not None if bench else _is_worth_drawing(tuning))
+    ]
     for number, run in _shown(tuning):
         pictures = []
         for bench in drawn:
@@ -127,7 +129,7 @@ def _episodes(tuning: Tuning, problem: TuningProblem) -> list[dict[str, Any]]:
     return found
 
 
-def _holds(tuning: Tuning) -> bool:
+def _is_worth_drawing(tuning: Tuning) -> bool:
     """Whether the loop holds on the model that its responses are of."""
     return tuning.found.stable or not tuning.on_bench
 

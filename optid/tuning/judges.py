@@ -92,12 +92,12 @@ def judges_of(
 
 def _judged_by_shown(plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half: float) -> Judges:
     """Judges with the axis that was fitted to the recording."""
-    judge = _shown_axis(replace(plan, runs=FITTED_RUNS), shown, spec, half, GAIN_MARGIN)
+    judge = _identified_axis(replace(plan, runs=FITTED_RUNS), shown, spec, half, GAIN_MARGIN)
     said = _said_of_shown(shown, len(judge.axes) - 1)
     return Judges(judge, judge.episodes, FITTED, said, sensitivity=None)
 
 
-def _shown_axis(
+def _identified_axis(
     plan: StepPlan, shown: SlidingAxis, spec: TuningSpec, half: float, stronger: float
 ) -> StickingAxis:
     """The simulation of the axis that was fitted to the recording, with other sets of values."""
@@ -166,7 +166,7 @@ def with_rig(
     identified, half = axis
     if identified is None or not math.isfinite(half):
         return Judges(judge, shown, PHYSICAL, said, bench, None)
-    guarded = GuardedBench(judge, _shown_axis(plan, identified, spec, half, STRONGER))
+    guarded = GuardedBench(judge, _identified_axis(plan, identified, spec, half, STRONGER))
     return Judges(guarded, shown, PHYSICAL, (*said, GUARDED), bench, None)
 
 
