@@ -197,14 +197,17 @@ def _standard_error(a: Array, b: Array, n: int) -> float:
     return float(np.sqrt(max(2 * product[:first].sum() - product[0], 1.0) / n))
 
 
-def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | None:
-    """The response of a channel to an input: its value, speed or acceleration, whichever is most correlated with it.
+Responses = tuple[tuple[str, Lag], ...]
 
-    A plant may respond to a command in any of them. ``None`` where the input never changes.
+
+def responses(recording: Recording, cause: str, role: str) -> Responses:
+    """Value, speed and acceleration of a channel with their lags behind an input, the most correlated one first.
+
+    A plant may respond to a command in any of them. Empty where the input never changes.
     """
     values = _filled(recording[cause].values)
     if values.min() == values.max():
-        return None
+        return ()
     speed, _ = _speed(recording, role)
     answers = {
         role: _filled(recording[role].values),
@@ -215,10 +218,10 @@ def answer(recording: Recording, cause: str, role: str) -> tuple[str, Lag] | Non
     lags = {
         what: _lag(moved, _transformed(signal), n, recording.interval) for what, signal in answers.items()
     }
-    return max(lags.items(), key=lambda one: one[1].correlation)
+    return tuple(sorted(lags.items(), key=lambda one: -one[1].correlation))
 
 
-Look = Callable[[str, str], tuple[str, Lag] | None]  # input, output -> as `answer` has it
+Look = Callable[[str, str], Responses]  # input, output -> as `responses` returns them
 
 
 def anticipation(
@@ -229,13 +232,12 @@ def anticipation(
     The highest correlation of a response must be at a negative lag and exceed both the level of chance
     and the highest after zero by two standard errors, (1 - r^2) times the scatter of unrelated signals.
     """
-    look = look or functools.partial(answer, recording)
+    look = look or functools.partial(responses, recording)
     for cause in inputs:
         for role in outputs:
-            answered = look(cause, role)
-            if answered is None:
+            found = next((one for _, one in look(cause, role)), None)
+            if found is None:
                 continue
-            found = answered[1]
             margin = 2 * max(1 - found.correlation**2, 0.0) * found.scatter
             ahead = found.correlation > max(found.chance, found.causal) + margin
             if ahead and found.seconds < -_halfwidth(recording) * recording.interval:
@@ -257,6 +259,9 @@ def polarity(
 ) -> Iterator[Remark]:
     """Outputs that respond to an input with the opposite sign of the model's.
 
+    Value, speed and acceleration may disagree in sign where a plant oscillates or a loop is closed around it: one that
+    clearly follows the model rules the fault out.
+
     Args:
         recording: what was measured.
         signs: (input, output) -> the sign of the model's answer, where it has one.
@@ -264,16 +269,16 @@ def polarity(
         outputs: roles.
         look: stored responses, if they were computed before.
     """
-    look = look or functools.partial(answer, recording)
+    look = look or functools.partial(responses, recording)
     for cause in inputs:
         for role in outputs:
             expected = signs.get((cause, role), 0)
-            answered = look(cause, role) if expected else None
-            if answered is None:
+            seen = look(cause, role) if expected else ()
+            if not seen:
                 continue
-            what, found = answered
-            right, wrong = (found.rising, found.falling) if expected > 0 else (found.falling, found.rising)
-            clear = wrong > max(_AGAINST, found.chance, _PLAINER * right)
+            what, found = seen[0]
+            follows = any(_is_plain(one, expected) for _, one in seen)
+            clear = _is_plain(found, -expected) and found.correlation > _AGAINST
             turned = _turns(recording, cause, role)
             if turned is not None:
                 yield Remark(
@@ -283,14 +288,22 @@ def polarity(
                     f"{what} follows {cause} in one half of the recording and opposes it in the other (correlations "
                     f"{turned[0]:.2f} and {turned[1]:.2f}): one of them changed its sign; cut the file there",
                 )
-            elif clear and found.sign != expected and found.seconds >= 0:
+            elif clear and not follows:
                 yield Remark(
                     "polarity",
                     "error",
                     role,
-                    f"{what} opposes {cause} (correlation {-expected * wrong:.2f}), but follows it in the model: "
-                    f"the sign of {cause}, of {role} or of the gain between them in the rig file is wrong",
+                    f"{what} opposes {cause} (correlation {found.sign * found.correlation:.2f}), but follows it in the "
+                    f"model: the sign of {cause}, of {role} or of the gain between them in the rig file is wrong",
                 )
+
+
+def _is_plain(found: Lag, sign: int) -> bool:
+    """A correlation of this sign, beyond chance and clearly above those of the other; the cause comes first."""
+    other = found.falling if sign > 0 else found.rising
+    return (
+        found.sign == sign and found.seconds >= 0 and found.correlation > max(found.chance, _PLAINER * other)
+    )
 
 
 def _turns(recording: Recording, cause: str, role: str) -> tuple[float, float] | None:
@@ -301,10 +314,10 @@ def _turns(recording: Recording, cause: str, role: str) -> tuple[float, float] |
     parts = [recording.taken(rows) for rows in np.array_split(np.arange(n), 2)]
     if any(part[name].missing > 0.5 * len(part) for part in parts for name in (cause, role)):
         return None
-    halves = [answer(part, cause, role) for part in parts]
-    if halves[0] is None or halves[1] is None or halves[0][0] != halves[1][0]:
+    halves = [responses(part, cause, role) for part in parts]
+    if not all(halves) or halves[0][0][0] != halves[1][0][0]:
         return None
-    first, second = halves[0][1], halves[1][1]
+    first, second = halves[0][0][1], halves[1][0][1]
     if first.sign == second.sign:
         return None
     alike = abs(first.seconds - second.seconds) <= _SAME_LAG * max(abs(first.seconds), abs(second.seconds))

@@ -14,7 +14,7 @@ from optid.core.model import Model
 from optid.core.recording import Recording
 from optid.quality.faults import jumps, outliers, repaired
 from optid.quality.feedback import feedback, single_line, tied
-from optid.quality.motion import Lag, answer, anticipation, one_sided, polarity, still, travel
+from optid.quality.motion import Lag, anticipation, one_sided, polarity, responses, still, travel
 from optid.quality.reach import reach
 from optid.quality.remark import Remark
 from optid.quality.response import signs
@@ -72,7 +72,7 @@ def _remarks(
     angular = tuple(port.role for port in model.outputs if port.unit in _ANGLES and port.role in outputs)
     # The motion of an axis is visible at 1 kHz; faults of its sensors only in their own samples.
     slow = _slow(recording, inputs)
-    look = functools.cache(functools.partial(answer, slow))
+    look = functools.cache(functools.partial(responses, slow))
     parts = _stretches(recording)
     some = (
         parts
@@ -117,9 +117,9 @@ def lags(recording: Recording, model: Model) -> Iterator[tuple[str, str, Lag]]:
     inputs = tuple(dict.fromkeys(port.role for port in model.inputs if port.role in recording))
     slow = _slow(recording.part(0, min(len(recording), 2 * _LONG)), inputs)
     for cause, port in itertools.product(inputs, model.outputs):
-        answered = answer(slow, cause, port.role) if port.role in recording else None
-        if answered is not None and answered[1].correlation > max(answered[1].chance, _ALIKE):
-            yield answered[0], cause, answered[1]
+        for what, found in responses(slow, cause, port.role)[:1] if port.role in recording else ():
+            if found.correlation > max(found.chance, _ALIKE):
+                yield what, cause, found
 
 
 def _stretches(recording: Recording) -> tuple[Recording, ...]:

@@ -9,7 +9,7 @@ from optid.core.recording import Channel, Recording
 from optid.core.sheet import build
 from optid.quality.faults import jumps, outliers
 from optid.quality.feedback import feedback, single_line, tied
-from optid.quality.motion import still
+from optid.quality.motion import Lag, polarity, still
 from optid.quality.quality import quality
 from optid.quality.verdict import verdict
 from optid.rigs.servo_pneumatic import servo_pneumatic
@@ -146,3 +146,18 @@ def test_the_verdict_says_what_for_and_what_next():
     idle = verdict([(sound, ())], ["mass"], ["mass"], "rig.toml run.csv")
     assert "take mass out of [fit]" in idle.next
     assert build(servo_pneumatic).outputs
+
+
+def test_a_value_that_follows_the_model_rules_out_a_wrong_sign_that_its_acceleration_suggests():
+    """An oscillating pressure: its acceleration opposes the command more than its value follows it."""
+    opposes = Lag(0.02, 0.62, 0.62, 0.3, 0.05, rising=0.2, falling=0.62, sign=-1)
+    follows = Lag(0.05, 0.38, 0.38, 0.32, 0.05, rising=0.38, falling=0.1, sign=1)
+    by_chance = replace(follows, chance=0.4)
+
+    def remarks(value):
+        seen = (("acceleration of position", opposes), ("position", value))
+        signs = {("command", "position"): 1}
+        return list(polarity(recording(), signs, ("command",), ("position",), lambda *_: seen))
+
+    assert remarks(follows) == []
+    assert len(remarks(by_chance)) == 1
