@@ -33,7 +33,9 @@ def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     # A parameter fixed at a bound also restricts the others.
     own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
     sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
-    sd = np.hypot(sd, _left_to_go(answer, bound))
+    # Bounds of nuisance parameters keep simulations short: the truth may lie beyond, and others make up for it.
+    nuisance = np.array([q.model.parameters[i].nuisance is not None for i in q.free])
+    sd = np.hypot(sd, _left_to_go(answer, bound & ~nuisance))
     unseen = [_unidentifiable(answer.information, fixed) for fixed in (np.zeros_like(bound), bound)]
     sd[np.where(bound, *unseen)] = np.inf
     wide = np.where(sd > 0.0, max(ratio, 1.0) * Z95 * np.where(sd > 0.0, sd, 1.0), 0.0)

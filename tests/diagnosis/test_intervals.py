@@ -12,7 +12,7 @@ def refined(values, low, high):
     """A line a + b t in white noise, of two parameters that are hard to tell apart."""
     t = np.linspace(1.0, 1.2, 200)
     slopes = np.stack([np.ones_like(t), t], axis=1)[:, None, :]
-    parameters = [SimpleNamespace(name=name, unit="1") for name in "ab"]
+    parameters = [SimpleNamespace(name=name, unit="1", nuisance=None) for name in "ab"]
     model = SimpleNamespace(parameters=parameters)
     problem = SimpleNamespace(
         recording=np.array([0]), counts=np.array([199]), time=np.arange(200) * 0.1, dt=np.full(199, 0.1)
@@ -67,6 +67,18 @@ def test_a_parameter_at_its_bound_has_nowhere_to_go():
     plain = [(one.low, one.high) for one in intervals(there, 1.0)]
     there.fit.gradient = np.array([0.0, 100.0])
     assert [(one.low, one.high) for one in intervals(there, 1.0)] == plain
+
+
+def test_a_nuisance_parameter_at_its_bound_shifts_what_makes_up_for_it():
+    """The best a is at b's bound; were it not for this, both would go on."""
+    there = refined([0.5, -5.0], [-5.0, -5.0], [5.0, 5.0])
+    there.fit.gradient = np.array([0.0, 0.3])
+    held, _ = intervals(there, 1.0)
+    there.fit.likelihood_problem.model.parameters[1].nuisance = object()
+    wider, _ = intervals(there, 1.0)
+    left = np.linalg.solve(there.fit.information, there.fit.gradient)[0]
+    assert abs(left) > half(held)
+    assert half(wider) == pytest.approx(np.hypot(half(held), 1.959964 * left), rel=1e-6)
 
 
 def test_what_the_data_do_not_show_is_not_identifiable():
