@@ -101,15 +101,19 @@ def propose(
     found = parallel_map(partial(branches_of, current, problem, origin, resets), together)
     branches = dict(zip((effect.name for effect in effects), chain.from_iterable(found), strict=True))
     visible = {name: max((one.visible for one in some), default=0.0) for name, some in branches.items()}
-    steps = [one.best for some in branches.values() for one in some if one.best is not None]
-    steps = keep_best(steps, len(steps))
+    every = [one.best for some in branches.values() for one in some if one.best is not None]
+    steps = keep_best(every, len(every))
     if promise is not None:
         most = (1.0 - promise) * linear_loss_without_effect(origin)
         # Without any effect the first competes anyway: the test asks whether it gains anything.
         steps = [one for k, one in enumerate(steps) if one.loss <= most or (k == 0 and not current.effects)]
-    advanced = parallel_map(partial(_proposal_after_steps, current, problem, origin, resets, level), steps)
+    advance = partial(_proposal_after_steps, current, problem, origin, resets, level)
+    advanced = parallel_map(advance, steps)
     if not advanced:
         return Proposals((), visible, math.inf)
+    # A linear step may choose the wrong branch of the right effect, from which a fit does not return.
+    nearest = [one.effect for one in keep_best(advanced, o.contenders)]
+    advanced += parallel_map(advance, [one for one in every if one.effect in nearest and one not in steps])
     _, alone = _after_steps(problem, q, p, resets, level)
     return Proposals(tuple(keep_best(advanced, o.contenders)), visible, alone)
 

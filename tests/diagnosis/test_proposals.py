@@ -77,3 +77,31 @@ def test_effects_that_are_scored_in_one_model_score_as_in_models_of_their_own(tm
             if one.best is not None:
                 assert np.isclose(one.best.loss, other.best.loss, rtol=0.03)
                 assert set(one.best.values) == set(other.best.values)
+
+
+def test_every_branch_of_the_nearest_effects_goes_on_and_the_best_is_kept(tmp_path, monkeypatch):
+    """A linear step may choose the wrong branch, as that of a slow drift for one that settles soon."""
+    offered, entered, score, advance = {}, {}, proposals.branches_of, proposals._proposal_after_steps
+
+    def scored(*given):
+        found = score(*given)
+        offered.update((some[0].effect.name, sum(each.best is not None for each in some)) for some in found)
+        return found
+
+    def advanced(*given):
+        one = advance(*given)
+        entered.setdefault(one.effect.name, []).append(one.loss)
+        return one
+
+    monkeypatch.setattr(proposals, "branches_of", scored)
+    monkeypatch.setattr(proposals, "_proposal_after_steps", advanced)
+    asked = problem_of(tmp_path, [recording(seed, f"{seed}.csv", dead_band) for seed in (1, 2)])
+    base, asked = fit_base(asked)
+    asked = replace(asked, options=replace(asked.options, contenders=2))
+    ranked = propose(base, admitted(base.rig.model), asked).ranked
+    several = {name for name, count in offered.items() if count > 1}
+    near = {one.effect.name for one in ranked}
+    assert near & several and several - near
+    assert all(len(entered[name]) == offered[name] for name in near)
+    assert all(len(entered[name]) == 1 for name in several if name not in near and name in entered)
+    assert all(one.loss == min(entered[one.effect.name]) for one in ranked)
