@@ -126,21 +126,34 @@ def sentence(effect: Effect, model: RefinedModel) -> str:
     )
 
 
-def unexplained_findings(s: TestedResult, suspects: tuple[Suspicion, ...]) -> tuple[Finding, ...]:
+def unexplained_findings(s: TestedResult, suspects: Sequence[Suspicion]) -> tuple[Finding, ...]:
     """Findings that are not proven: where they are, what describes them, and what they could be.
 
-    Where the recordings do not tell sites of different kinds apart, each has its own finding.
+    Where the recordings do not tell sites of different kinds apart, each has its own finding. A suspected effect is
+    told in place of an unknown signal that lies at its kind of site.
     """
     if s.surrogate is None:
         return suspected_findings(s, suspects)
-    described = s.best.effects[0] if s.best.effects and not s.names else None
-    first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
-    found = [_unexplained_finding(s, first, described, _likely_sites(s.surrogate, first), suspects)]
+    found = [] if s.surrogate.contender is not None else _suspected_there(s, s.surrogate, suspects)
+    if not found:
+        described = s.best.effects[0] if s.best.effects and not s.names else None
+        first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
+        words = _likely_sites(s.surrogate, first)
+        found = [_unexplained_finding(s, first, described, words, tuple(suspects))]
     for one in s.surrogate.likely:
         if kind_of(one.site) not in {each.site for each in found}:
             words = f"an unknown signal at {one.site} explains the recordings as well"
             found.append(_unexplained_finding(s, _at_all_samples(s, one), None, words, ()))
     return tuple(found)
+
+
+def _suspected_there(s: TestedResult, surrogate: Surrogate, suspects: Sequence[Suspicion]) -> list[Finding]:
+    """Suspected effects at the likely kinds of site; the first finding lists those elsewhere as well."""
+    likely, kinds = {kind_of(one.site) for one in surrogate.likely}, {e.name: e.site for e in s.best.effects}
+    there = tuple(one for one in suspects if kinds.get(one.effect) in likely)
+    found = suspected_findings(s, there)
+    elsewhere = tuple(one for one in suspects if one not in there)
+    return [replace(found[0], suspected=(*found[0].suspected, *elsewhere)), *found[1:]] if found else []
 
 
 def _likely_sites(surrogate: Surrogate, first: UnknownInput) -> str:

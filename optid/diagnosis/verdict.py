@@ -23,7 +23,7 @@ from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.summary import summarise
-from optid.diagnosis.surrogate.search import Surrogate
+from optid.diagnosis.surrogate.search import Surrogate, located
 from optid.diagnosis.tested_result import TestedResult
 from optid.diagnosis.validation import error_gain
 from optid.effects.library import admitted, untestable
@@ -108,6 +108,8 @@ def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
         findings = named_findings(s, best_parameters, suspects)
         findings += () if doubted is None else suspected_findings(doubted, _unconfirmed_effects(doubted))
     elif verdict is Verdict.UNEXPLAINED:
+        if s.surrogate is None and not s.wide:
+            s = replace(s, surrogate=located(s.path, s.search))
         findings = unexplained_findings(s, suspects or _fallen_short(s))
         if s.test.refuted and s.names:
             s, best_parameters = (

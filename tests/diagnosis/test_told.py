@@ -1,5 +1,6 @@
 """What a diagnosis says agrees with the figures beside it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from optid.diagnosis import findings
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.localisation.region import Range
+from optid.diagnosis.result import Finding, Suspicion
 from optid.diagnosis.summary import (
     _nearest,
     _nothing_more,
@@ -143,7 +145,7 @@ def test_sites_that_the_recordings_do_not_tell_apart_are_all_told(monkeypatch):
     monkeypatch.setattr(findings, "_unexplained_finding", finding)
     monkeypatch.setattr(findings, "_at_all_samples", lambda s, one: one)
     sites = tuple(map(at, ("force.external", "force.gear", "drive.command", "sensor.position")))
-    surrogate = SimpleNamespace(sites=sites, likely=sites[:3], at=lambda site: sites[0])
+    surrogate = SimpleNamespace(contender=None, sites=sites, likely=sites[:3], at=lambda site: sites[0])
     found = findings.unexplained_findings(
         SimpleNamespace(surrogate=surrogate, best=SimpleNamespace(effects=()), names=False), ()
     )
@@ -155,6 +157,36 @@ def test_sites_that_the_recordings_do_not_tell_apart_are_all_told(monkeypatch):
         "force.gear would do nearly as well. Or at the drive: an unknown signal at drive.command explains the "
         "recordings as well."
     )
+
+
+@pytest.mark.parametrize(("kind", "told"), [("sensor", "an unknown signal"), ("force", "it could be")])
+def test_a_suspected_effect_is_told_where_the_unknown_signal_lies_too(monkeypatch, kind, told):
+    def finding(site, words):
+        return Finding(None, site, site, (), None, (), None, 0.0, 0.0, (), words, ())
+
+    located, one = at("force.external"), Suspicion("bent", "unproven")
+    monkeypatch.setattr(
+        findings,
+        "_unexplained_finding",
+        lambda s, signal, law, words, doubts: replace(
+            finding(findings.kind_of(signal.site), words), suspected=doubts
+        ),
+    )
+    monkeypatch.setattr(findings, "_at_all_samples", lambda s, one: one)
+    monkeypatch.setattr(
+        findings,
+        "_suspected",
+        lambda s, effect, one: replace(finding(effect.site, "it could be"), suspected=(one,)),
+    )
+    likely = (located, at("drive.command"))
+    surrogate = SimpleNamespace(contender=None, sites=likely, likely=likely, at=lambda site: located)
+    effects = (SimpleNamespace(name="bent", site=kind, sites=(kind,)),)
+    found, other = findings.unexplained_findings(
+        SimpleNamespace(surrogate=surrogate, best=SimpleNamespace(effects=effects), names=True), (one,)
+    )
+    assert found.site == "force" and found.sentence.startswith(told)
+    assert found.suspected == (one,)
+    assert other.site == "drive" and other.sentence.endswith("as well")
 
 
 @pytest.mark.parametrize("law", ["a description", "an effect"])

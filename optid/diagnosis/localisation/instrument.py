@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from optid.core.parameter import Parameter
 from optid.effects.effect import Effect
 
 
@@ -11,7 +12,7 @@ class Instrument(Effect):
     """An effect without parameters; a subclass names itself and its site, and writes `apply`."""
 
     equation = ""
-    parameters = ()
+    parameters: tuple[Parameter, ...] = ()
     strength: Mapping[str, float] = {}
     usual = ()
     law = ""

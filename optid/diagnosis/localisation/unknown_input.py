@@ -4,6 +4,9 @@ The signal is a random walk whose step is estimated by likelihood; the site at w
 best is where physics is missing (the diffusion terms of Kristensen, Madsen and Jorgensen 2004, one at a time). Only
 the signal has process noise: if the states had it as well, they would absorb the mismatch of one equation, and the
 signal would fit the remainder at another site.
+
+A walk alone would favour wrong sites: bursts at a valve add up to a walk of the force behind it. Each site's signal may
+therefore be forgotten faster as well (a Gauss-Markov process), and its best memory counts.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 
 from optid.core.model import Array
+from optid.core.parameter import Parameter
 from optid.core.sheet import Sheet
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
@@ -31,10 +35,21 @@ from optid.rigs.rigfile import with_effects
 
 LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle level
 TURNS, GAUSS_NEWTON = 2, 3  # iterations with new gains, and steps of each
+MEMORIES = (
+    15.0,
+    2.5,
+)  # samples: of signals that are no walk, from one that lasts a while to one that hardly lasts
+
+
+FORGETTING = Parameter(
+    "forgetting", "1/s", 1.0, "rate at which the signal is forgotten", "0: a walk", 0.0, fitted=False
+)
 
 
 class Disturbance(Instrument):
-    """nominal + w, with w a random walk at each site."""
+    """nominal + w, with w a random walk at each site, or one that is forgotten at a rate."""
+
+    parameters = (FORGETTING,)
 
     def __init__(self, sites: tuple[str, ...], unit: str, scale: float) -> None:
         self.name, self.sites, self.unit, self.scale = "unknown", sites, unit, scale
@@ -43,7 +58,7 @@ class Disturbance(Instrument):
         """The nominal signal plus the unknown one."""
         name = f"signal_{self.sites.index(site)}"
         w = sheet.state(name, self.unit, self.scale, spread=1e-3 * self.scale)
-        sheet.rate(w, 0.0 * w)
+        sheet.rate(w, -sheet.param(FORGETTING) * w)
         return nominal + w
 
 
@@ -54,10 +69,11 @@ class UnknownInput:
     Attributes:
         sites: of the plant, as "flow.chamber_a"; each with its own signal.
         gain: decrease of -2 log likelihood compared with the model with measurement noise only.
-        signals: filtered estimates at each sample, in the sites' units, (samples, sites).
+        signals: filtered estimates of the walk at each sample, in the sites' units, (samples, sites).
         sd: standard deviations of the filter, (samples, sites).
-        deviance: -2 log likelihood of each sample, (samples,).
+        deviance: -2 log likelihood of each sample with the signal's best memory, as the gain, (samples,).
         p: parameters of the model without it, fitted with it, (parameters,).
+        memory: that explains most, samples.
     """
 
     sites: tuple[str, ...]
@@ -66,6 +82,11 @@ class UnknownInput:
     sd: Array
     deviance: Array
     p: Array
+    memory: float = math.inf
+
+    def explaining_as(self, other: Self) -> Self:
+        """The same signals, which explain as much as those of another memory or with other parameters."""
+        return replace(self, gain=other.gain, deviance=other.deviance, p=other.p, memory=other.memory)
 
     @property
     def site(self) -> str:
@@ -107,16 +128,10 @@ def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
     Sites that the recordings do not tell apart have the same likelihood only with the same parameters: every other one
     is also tried with the parameters of the best.
     """
-    tried = parallel_map(lambda sites: locate_at(model, problem, *sites), places(model))
+    tried = parallel_map(lambda sites: _with_best_memory(model, problem, sites), places(model))
     found = sorted((one for one in tried if one is not None), key=lambda one: -one.gain)
-    again = parallel_map(
-        lambda one: locate_at(model, problem, *one.sites, begin=found[0].p, turns=0), found[1:]
-    )
-    better = [
-        one if other is None or other.gain < one.gain else other
-        for one, other in zip(found[1:], again, strict=True)
-    ]
-    return sorted([*found[:1], *better], key=lambda one: -one.gain)
+    again = parallel_map(lambda one: _with_parameters_of(found[0], one, model, problem), found[1:])
+    return sorted([*found[:1], *again], key=lambda one: -one.gain)
 
 
 def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
@@ -132,17 +147,51 @@ def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
     return tuple(chosen)
 
 
+def _with_best_memory(
+    model: FittedModel, problem: DiagnosisProblem, sites: tuple[str, ...]
+) -> UnknownInput | None:
+    """A walk at these sites, with the gain of the memory that explains most; shorter ones while each explains more."""
+    walk = locate_at(model, problem, *sites)
+    if walk is None:
+        return None
+    best = walk
+    for memory in MEMORIES:
+        one = locate_at(model, problem, *sites, begin=best.p, turns=1, memory=memory)
+        if one is None or one.gain <= best.gain:
+            break
+        best = one
+    return walk if walk is best else walk.explaining_as(best)
+
+
+def _with_parameters_of(
+    best: UnknownInput, one: UnknownInput, model: FittedModel, problem: DiagnosisProblem
+) -> UnknownInput:
+    """The input at another site with the best one's parameters, if these explain more and could come near."""
+    if one.gain < best.gain / 2.0:
+        return one
+    other = locate_at(model, problem, *one.sites, begin=best.p, turns=0, memory=one.memory)
+    return one if other is None or other.gain < one.gain else one.explaining_as(other)
+
+
 def locate_at(
-    model: FittedModel, problem: DiagnosisProblem, *sites: str, begin: Array | None = None, turns: int = TURNS
+    model: FittedModel,
+    problem: DiagnosisProblem,
+    *sites: str,
+    begin: Array | None = None,
+    turns: int = TURNS,
+    memory: float = math.inf,
 ) -> UnknownInput | None:
     """An unknown input at one site, or at each of several similar ones; ``None`` where none would be visible.
 
     The model's parameters are fitted with it in so many `turns`, from its own or those to `begin` with, (parameters,).
+    It is a walk, or forgotten within its `memory`, samples.
     """
     scale = push(model, problem, sites[0])
     if scale is None:
         return None
-    rig = with_effects(model.rig, (Disturbance(sites, "1", LOUD * scale),), {})
+    forgetting = 1.0 / (memory * float(np.median(model.likelihood_problem.problem.dt)))
+    size = LOUD * scale * max(1.0, math.sqrt(forgetting))  # as large as a walk within a second
+    rig = with_effects(model.rig, (Disturbance(sites, "1", size),), {"unknown.forgetting": forgetting})
     own = [state.name for state in rig.model.states]
     walks = tuple(own.index(f"unknown.signal_{k}") for k in range(len(sites)))
     q = replace(problem.likelihood_problem(rig), groups=(walks,))
@@ -162,7 +211,7 @@ def locate_at(
     gain, drift = _noiseless(model) - float(each.sum()), list(walks)
     sd = np.sqrt(f.covariances[0][:, drift, drift])
     own_p = p[[q.model.index(one.name) for one in plain.parameters]]
-    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each, own_p)
+    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each, own_p, memory)
 
 
 def _refined_levels(q: LikelihoodProblem, p: Array, levels: Array) -> Array:
@@ -170,13 +219,17 @@ def _refined_levels(q: LikelihoodProblem, p: Array, levels: Array) -> Array:
 
     One signal has other units at another site, and the same step lies elsewhere on the grid there.
     """
+    best = _score(q, p, levels)
     for step in (0.5, 0.25, 0.125):
-        near = [levels + by * step for by in (-1.0, 0.0, 1.0)]
-        scores = [
-            deviance(f.innovations[0], f.variances[0]).sum() for f in (_filtered(q, p, one) for one in near)
-        ]
-        levels = near[int(np.argmin(np.nan_to_num(scores, nan=np.inf)))]  # NaN where it diverges
+        near = [(_score(q, p, levels + by), levels + by) for by in (-step, step)]
+        best, levels = min((best, levels), *near, key=lambda one: one[0])
     return levels
+
+
+def _score(q: LikelihoodProblem, p: Array, levels: Array) -> float:
+    """-2 log likelihood; infinite where the simulation diverges."""
+    f = _filtered(q, p, levels)
+    return float(np.nan_to_num(deviance(f.innovations[0], f.variances[0]).sum(), nan=math.inf))
 
 
 def _filtered(q: LikelihoodProblem, p: Array, levels: Array, covariances: bool = False) -> Filtered:

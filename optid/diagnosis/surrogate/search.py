@@ -11,7 +11,7 @@ import numpy as np
 
 from optid.core.threads import parallel_map
 from optid.diagnosis.fitted import FittedModel
-from optid.diagnosis.localisation.unknown_input import UnknownInput
+from optid.diagnosis.localisation.unknown_input import UnknownInput, locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, with_effect
 from optid.diagnosis.proposals import Proposal, propose
 from optid.diagnosis.selection.forward import begin_proposal, contend
@@ -60,6 +60,12 @@ def answer_of(path: SelectionPath, surrogate: Surrogate | None) -> FittedModel:
     if described is not None and described.validated.windows.sum() < path.validated.windows.sum():
         return described.model
     return path.best
+
+
+def located(path: SelectionPath, problem: DiagnosisProblem) -> Surrogate | None:
+    """Where a mismatch lies, without a form for it; ``None`` where no unknown input would be visible."""
+    sites = locate(path.base, problem)
+    return Surrogate(None, tuple(sites), (sites[0], *_rivalling(sites, problem))) if sites else None
 
 
 def find_surrogate(
@@ -144,11 +150,16 @@ def _best(
 
 
 def _rivalling(sites: Sequence[UnknownInput], problem: DiagnosisProblem) -> list[UnknownInput]:
-    """Those that the recordings do not distinguish from the first, at most two."""
+    """Those that the recordings do not distinguish from the first, at most two.
+
+    Their likelihood ratio is less than the level asks of a test, or windows' signs may be chance.
+    """
+    best, level = sites[0], problem.criteria.level
     return [
         one
         for one in sites[1:]
-        if flipped_signs(_by_window(one, problem) - _by_window(sites[0], problem)) > problem.criteria.level
+        if best.gain - one.gain < -2.0 * math.log(level)
+        or flipped_signs(_by_window(one, problem) - _by_window(best, problem)) > level
     ][:2]
 
 
