@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -102,14 +103,14 @@ def optimise(task: Task, options: Options, rng: np.random.Generator, scale: Ulti
     ends = kept
     if options.polish and not over():
         gradient = None if task.criterion.own or options.cascade else Gradient(swift, options.free)
-        ends = [_polished(swift, within, end, gradient) for end in kept]
-        ends += _closer(swift, within, min(ends, key=lambda end: end.fitness), rng, gradient)
+        ends = [_polished(swift, within, end, gradient, over) for end in kept]
+        ends += _closer(swift, within, min(ends, key=lambda end: end.fitness), rng, gradient, over)
     if task.bench is not None:
         seeds = np.array([end.point for end in ends])
         whole = slices(within, 1)[0]
-        tried = [_evolved(task, within, whole, rng, begin, WITH_BENCH) for begin in (seeds, None)]
-        ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None), *tried]
-        ends += _closer(task, within, ends[0], rng, None, WITH_BENCH // 2)
+        tried = [_evolved(task, within, whole, rng, begin, WITH_BENCH, over=over) for begin in (seeds, None)]
+        ends = [_polished(task, within, min(tried, key=lambda end: end.fitness), None, over), *tried]
+        ends += _closer(task, within, ends[0], rng, None, over, WITH_BENCH // 2)
         costs, _ = _screened(task, within, min(options.grid, int(SLOW_POINTS ** (1.0 / len(options.free)))))
     best = min(ends, key=lambda end: end.fitness)
     return Search(as_gains(within.gains(best.point)[0]), tuple(ends), within, costs)
@@ -156,15 +157,17 @@ def _closer(
     best: Evolved,
     rng: np.random.Generator,
     gradient: Gradient | None,
+    over: Callable[[], bool],
     generations: int = GENERATIONS,
 ) -> list[Evolved]:
     """Populations around the best result while they still improve: a polish stops early along a narrow ridge."""
     found: list[Evolved] = []
     for _ in range(ROUNDS):
+        if over():
+            break
         part = np.clip(best.point - AROUND, 0.0, 1.0), np.clip(best.point + AROUND, 0.0, 1.0)
-        end = _polished(
-            task, within, _evolved(task, within, part, rng, best.point[None], generations), gradient
-        )
+        near = _evolved(task, within, part, rng, best.point[None], generations, over=over)
+        end = _polished(task, within, near, gradient, over)
         gained = end.fitness < best.fitness * (1.0 - WORTHWHILE)
         found.append(end)
         if not gained:
@@ -194,11 +197,16 @@ def _screened(task: Task, within: GainBounds, aside: int) -> tuple[Array, list[E
     return costs, [Evolved(points[i], float(costs.ravel()[i]), 0) for i in there]
 
 
-def _evolved(task: Task, within: GainBounds, *how: Any) -> Evolved:
-    return evolve(lambda points, bar: task.fitness(within.gains(points), bar), *how)
+def _evolved(task: Task, within: GainBounds, *how: Any, **more: Any) -> Evolved:
+    return evolve(lambda points, bar: task.fitness(within.gains(points), bar), *how, **more)
 
 
-def _polished(task: Task, within: GainBounds, end: Evolved, gradient: Gradient | None) -> Evolved:
+def _polished(
+    task: Task, within: GainBounds, end: Evolved, gradient: Gradient | None, over: Callable[[], bool]
+) -> Evolved:
+    """The end of a local search from there, or the same where the time is over."""
+    if over():
+        return end
     point = polish(task, within, end.point, gradient)
     return replace(end, point=point, fitness=float(task.fitness(within.gains(point))[0]))
 

@@ -1,6 +1,7 @@
 """The physical model in the loop: what is run is the rig's model, and tuning for it pays there."""
 
-from dataclasses import replace
+import math
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from optid.errors import InputError
 from optid.pid.controller import Controller, Gains, Settings
 from optid.rigs.rigfile import read_rig
 from optid.tuning.bench import Bench, PhysicalBench
+from optid.tuning.bench_search import Effort
 from optid.tuning.criterion import Criterion
+from optid.tuning.optimise import Options, optimise
 from optid.tuning.plant import plant_of
 from optid.tuning.scenarios import load, step
 from optid.tuning.task import Task
@@ -111,6 +114,24 @@ def test_hopeless_gains_are_not_run(rig):
     barred = task.fitness(both, np.array([np.inf, free[1] / 2]))
     assert len(runs) == 3
     assert barred[0] == free[0] and barred[1] > free[1] / 2
+
+
+def test_time_that_is_up_ends_the_search_on_both_models(rig):
+    """Only the first population of each search and the map of costs are still judged."""
+    episodes = (step(0.06, 150, T),)
+    task = Task((plant_of(axis_at(T)),), episodes, LIMITS, bench=PhysicalBench(rig, episodes))
+    counts = []
+
+    class Counted(Task):
+        def fitness(self, vectors, bar=None):
+            counts.append(len(np.atleast_2d(vectors)))
+            return super().fitness(vectors, bar)
+
+    counted = Counted(**{one.name: getattr(task, one.name) for one in fields(Task) if one.init})
+    spent = Effort(over=lambda: sum(counts) > 100)
+    found = optimise(counted, Options(starts=1, grid=3, effort=spent), np.random.default_rng(0))
+    assert math.isfinite(task.fitness(found.gains.vector)[0])
+    assert sum(counts) < 400, sum(counts)
 
 
 def test_output_must_exist(rig):
