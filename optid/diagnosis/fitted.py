@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +12,8 @@ from optid.core.model import Array
 from optid.core.recording import Recording
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
+from optid.errors import SolveError
+from optid.estimation.fixed_gain import SETTLED
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
 from optid.rigs.rigfile import Rig
@@ -81,6 +84,26 @@ def fit_model(
         likelihood_problem, p, problem.window, turns=o.turns, steps=o.steps, level=level, begun=begun
     )
     return FittedModel(tuple(effects), rig, fit)
+
+
+def with_cycles(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
+    """The model after cycles of fits over short windows and then whole ones, while these lower the loss.
+
+    Where an axis sticks, the loss of whole windows is rough, and a fit ends in one of many small minima; that of short
+    windows has fewer.
+    """
+    for _ in range(problem.options.turns):
+        if problem.budget.is_over:
+            break
+        before, q = model, model.likelihood_problem
+        with contextlib.suppress(SolveError):
+            again = fit_model(
+                problem, model.effects, model.rig, q, model.p, short=True, level=model.fit.level
+            )
+            model = min(before, again, key=lambda one: one.fit.loss)
+        if not model.fit.loss < (1.0 - SETTLED) * before.fit.loss:
+            break
+    return model
 
 
 def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:

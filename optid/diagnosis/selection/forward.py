@@ -8,7 +8,7 @@ from functools import partial
 
 from optid.core.model import Array
 from optid.core.threads import parallel_map
-from optid.diagnosis.fitted import FittedModel, fit_model
+from optid.diagnosis.fitted import FittedModel, fit_model, with_cycles
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, Proposals, propose
 from optid.diagnosis.selection.path import Contender, Round
@@ -70,6 +70,8 @@ def contend(
     model = fit_proposal(current, problem, one, begun)
     if model is None:
         return None
+    if begun is None:
+        model = with_cycles(model, problem)
     with contextlib.suppress(SolveError):
         validated = cross_validate(model, problem)
         size = one.effect.size(model.own_values(one.effect))
