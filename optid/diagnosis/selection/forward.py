@@ -13,6 +13,7 @@ from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, Proposals, propose
 from optid.diagnosis.selection.path import Contender, Round
 from optid.diagnosis.validation import Validated, cross_validate, rejection_reason
+from optid.effects.effect import Effect
 from optid.effects.library import admitted
 from optid.errors import SolveError
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
@@ -36,9 +37,18 @@ def forward_step(
     few = worth_fitting(proposals, near, bool(current.effects), problem)
     few = [each for each in few if each.loss < below]
     problem.report(Stage.SELECTION, f"fitting {', '.join(one.effect.name for one in few)}")
-    fitted = parallel_map(partial(contend, current, first, before, problem, len(effects)), few)
+    fits = parallel_map(partial(fit_proposal, current, problem), few)
+    fitted = [(one.effect, model) for one, model in zip(few, fits, strict=True) if model is not None]
+    least = min((model.fit.loss for _, model in fitted), default=0.0)
+
+    def converged(pair: tuple[Effect, FittedModel]) -> Contender | None:
+        effect, model = pair
+        if model.fit.loss <= problem.options.near * least:
+            model = with_cycles(model, problem)
+        return _judged(current, first, before, problem, len(effects), effect, model)
+
     contenders = sorted(
-        (one for one in fitted if one is not None),
+        (one for one in parallel_map(converged, fitted) if one is not None),
         key=lambda one: (bool(one.why), one.validated.windows.sum()),
     )
     taken = next((one for one in contenders if not one.why), None)
@@ -68,16 +78,25 @@ def contend(
 ) -> Contender | None:
     """A proposal fully fitted, from where it was `begun`, and validated; ``None`` where the simulation diverges."""
     model = fit_proposal(current, problem, one, begun)
-    if model is None:
-        return None
-    if begun is None:
-        model = with_cycles(model, problem)
+    return None if model is None else _judged(current, first, before, problem, tried, one.effect, model)
+
+
+def _judged(
+    current: FittedModel,
+    first: Validated,
+    before: Validated,
+    problem: DiagnosisProblem,
+    tried: int,
+    effect: Effect,
+    model: FittedModel,
+) -> Contender | None:
+    """A fitted model with another effect, validated; ``None`` where the simulation diverges."""
     with contextlib.suppress(SolveError):
         validated = cross_validate(model, problem)
-        size = one.effect.size(model.own_values(one.effect))
+        size = effect.size(model.own_values(effect))
         alone = not current.effects
         why = rejection_reason(size, first, before, validated, problem.criteria, tried, alone)
-        return Contender(one.effect, model, validated, why)
+        return Contender(effect, model, validated, why)
     return None
 
 
