@@ -132,8 +132,9 @@ def diagnose(
     unseal = partial(straight_inputs, sealed, roles)
     found = SearchResult(problem, search, path, alternatives, surrogate, wide is not None)
     tested = _refine_and_test(found, wide or answer_of(path, surrogate), unseal)
+    answer = _conclude_from_confirmed(tested, unseal) if tested.unconfirmed else conclude(tested)
     kept.clear()
-    return _conclude_from_confirmed(tested, unseal) if tested.unconfirmed else conclude(tested)
+    return answer
 
 
 def _conclude_from_confirmed(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis:
