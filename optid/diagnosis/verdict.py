@@ -108,7 +108,7 @@ def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
         findings = named_findings(s, best_parameters, suspects)
         findings += () if doubted is None else suspected_findings(doubted, _unconfirmed_effects(doubted))
     elif verdict is Verdict.UNEXPLAINED:
-        if s.surrogate is None and not s.wide:
+        if s.surrogate is None and not s.wide and not _fits_training(s):
             s = replace(s, surrogate=located(s.path, s.search))
         findings = unexplained_findings(s, suspects or _fallen_short(s))
         if s.test.refuted and s.names:
@@ -149,6 +149,11 @@ def _verdict(s: TestedResult, suspects: Sequence[Suspicion]) -> Verdict:
         return Verdict.MISSING_PHYSICS if enough and proven else Verdict.UNEXPLAINED
     silent = not s.best.effects and s.surrogate is None
     return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
+
+
+def _fits_training(s: TestedResult) -> bool:
+    """Whether the base is at the noise on the training recordings: these then do not show where anything is missing."""
+    return s.path.first.error_over_noise <= s.search.criteria.error_over_noise
 
 
 def _is_contradicted(s: TestedResult) -> bool:

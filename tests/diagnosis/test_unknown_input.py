@@ -7,7 +7,9 @@ import pytest
 
 from optid.diagnosis.base_fit import fit_base
 from optid.diagnosis.localisation.unknown_input import locate, push
-from tests.diagnosis.trolley import RATE, problem_of, recording
+from optid.diagnosis.pipeline import diagnose
+from optid.diagnosis.result import Verdict
+from tests.diagnosis.trolley import RATE, problem_of, recording, rig
 
 N = 1200
 PULL = 0.3 * np.sin(2.0 * np.pi * 0.7 * np.arange(N) / RATE)  # of full command
@@ -49,3 +51,13 @@ def test_a_push_of_the_found_size_moves_innovations_by_a_tenth_of_their_noise_or
     base, problem = driven
     size = push(base, problem, "drive.command")
     assert 1e-6 < size < 10.0
+
+
+def test_recordings_at_the_noise_do_not_show_where_a_hold_out_deviates(tmp_path):
+    """Something acts in the recording held out alone: it is unexplained, and no site is told."""
+    train = [recording(s, f"{s}.csv") for s in (1, 2, 3)]
+    odd = recording(4, "odd.csv", lambda u: u + 3.0 * PULL)
+    found = diagnose(rig(tmp_path), train, [odd])
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.findings == ()
+    assert "The site could not be determined." in found.summary
