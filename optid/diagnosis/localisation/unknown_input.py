@@ -35,12 +35,8 @@ from optid.rigs.rigfile import with_effects
 
 LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle level
 TURNS, GAUSS_NEWTON = 2, 3  # iterations with new gains, and steps of each
-MEMORIES = (
-    15.0,
-    2.5,
-)  # samples: of signals that are no walk, from one that lasts a while to one that hardly lasts
-
-
+# Samples: of signals that are no walk, from one that lasts a while to one that hardly lasts.
+MEMORIES = (15.0, 2.5)
 FORGETTING = Parameter(
     "forgetting", "1/s", 1.0, "rate at which the signal is forgotten", "0: a walk", 0.0, fitted=False
 )
