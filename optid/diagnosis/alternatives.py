@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from optid.core.threads import parallel_map
-from optid.diagnosis.fitted import FittedModel, fit_model, with_cycles
+from optid.diagnosis.fitted import FittedModel, alternate_horizons, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, propose
 from optid.diagnosis.selection.backward import without_effects
@@ -135,7 +135,7 @@ def _fitted(
         fitted = fit_model(
             problem, (*rest, one.effect), one.likelihood_problem.rig, one.likelihood_problem, one.p
         )
-        model = with_cycles(fitted, problem)
+        model = alternate_horizons(fitted, problem)
         if one.effect.size(model.own_values(one.effect)) < 1.0:
             return None
         validated = cross_validate(model, problem)

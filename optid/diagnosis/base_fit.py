@@ -9,7 +9,7 @@ import numpy as np
 from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.evaluation import open_variance
-from optid.diagnosis.fitted import FittedModel, fit_model, refit, with_cycles
+from optid.diagnosis.fitted import FittedModel, alternate_horizons, fit_model, refit
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.validation import cross_validate
 from optid.errors import SolveError
@@ -51,7 +51,7 @@ def fit_base(problem: DiagnosisProblem) -> tuple[FittedModel, DiagnosisProblem]:
     problem = replace(problem, open_variance=open_variance(q, best.p, noise, problem.window))
     q = problem.likelihood_problem(problem.rig)
     fit = fit_multistep(q, best.p, problem.window, turns=o.turns, steps=o.steps, level=best.level)
-    return with_cycles(FittedModel((), problem.rig, fit), problem), problem
+    return alternate_horizons(FittedModel((), problem.rig, fit), problem), problem
 
 
 def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> DiagnosisProblem:

@@ -134,7 +134,7 @@ def unexplained_findings(s: TestedResult, suspects: Sequence[Suspicion]) -> tupl
     """
     if s.surrogate is None:
         return suspected_findings(s, suspects)
-    found = [] if s.surrogate.contender is not None else _suspected_there(s, s.surrogate, suspects)
+    found = [] if s.surrogate.contender is not None else _suspected_at_likely_sites(s, s.surrogate, suspects)
     if not found:
         described = s.best.effects[0] if s.best.effects and not s.names else None
         first = _at_all_samples(s, s.surrogate.at(described.sites[0] if described is not None else ""))
@@ -147,7 +147,9 @@ def unexplained_findings(s: TestedResult, suspects: Sequence[Suspicion]) -> tupl
     return tuple(found)
 
 
-def _suspected_there(s: TestedResult, surrogate: Surrogate, suspects: Sequence[Suspicion]) -> list[Finding]:
+def _suspected_at_likely_sites(
+    s: TestedResult, surrogate: Surrogate, suspects: Sequence[Suspicion]
+) -> list[Finding]:
     """Suspected effects at the likely kinds of site; the first finding lists those elsewhere as well."""
     likely, kinds = {kind_of(one.site) for one in surrogate.likely}, {e.name: e.site for e in s.best.effects}
     there = tuple(one for one in suspects if kinds.get(one.effect) in likely)

@@ -86,7 +86,7 @@ def fit_model(
     return FittedModel(tuple(effects), rig, fit)
 
 
-def with_cycles(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
+def alternate_horizons(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
     """The model after cycles of fits over short windows and then whole ones, while these lower the loss.
 
     Where an axis sticks, the loss of whole windows is rough, and a fit ends in one of many small minima; that of short

@@ -23,7 +23,7 @@ from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.summary import summarise
-from optid.diagnosis.surrogate.search import Surrogate, located
+from optid.diagnosis.surrogate.search import Surrogate, localise
 from optid.diagnosis.tested_result import TestedResult
 from optid.diagnosis.validation import error_gain
 from optid.effects.library import admitted, untestable
@@ -108,8 +108,8 @@ def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
         findings = named_findings(s, best_parameters, suspects)
         findings += () if doubted is None else suspected_findings(doubted, _unconfirmed_effects(doubted))
     elif verdict is Verdict.UNEXPLAINED:
-        if s.surrogate is None and not s.wide and not _fits_training(s):
-            s = replace(s, surrogate=located(s.path, s.search))
+        if s.surrogate is None and not s.wide and not _base_fits_training(s):
+            s = replace(s, surrogate=localise(s.path, s.search))
         findings = unexplained_findings(s, suspects or _fallen_short(s))
         if s.test.refuted and s.names:
             s, best_parameters = (
@@ -151,7 +151,7 @@ def _verdict(s: TestedResult, suspects: Sequence[Suspicion]) -> Verdict:
     return Verdict.CONSISTENT if silent and at_noise else Verdict.UNEXPLAINED
 
 
-def _fits_training(s: TestedResult) -> bool:
+def _base_fits_training(s: TestedResult) -> bool:
     """Whether the base is at the noise on the training recordings: these then do not show where anything is missing."""
     return s.path.first.error_over_noise <= s.search.criteria.error_over_noise
 

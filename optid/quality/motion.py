@@ -277,8 +277,8 @@ def polarity(
             if not seen:
                 continue
             what, found = seen[0]
-            follows = any(_is_plain(one, expected) for _, one in seen)
-            clear = _is_plain(found, -expected) and found.correlation > _AGAINST
+            follows = any(_correlates(one, expected) for _, one in seen)
+            clear = _correlates(found, -expected) and found.correlation > _AGAINST
             turned = _turns(recording, cause, role)
             if turned is not None:
                 yield Remark(
@@ -298,7 +298,7 @@ def polarity(
                 )
 
 
-def _is_plain(found: Lag, sign: int) -> bool:
+def _correlates(found: Lag, sign: int) -> bool:
     """A correlation of this sign, beyond chance and clearly above those of the other; the cause comes first."""
     other = found.falling if sign > 0 else found.rising
     return (

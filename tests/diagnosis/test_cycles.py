@@ -7,7 +7,7 @@ import pytest
 from optid.diagnosis import fitted
 from optid.diagnosis.base_fit import fit_base
 from optid.diagnosis.criteria import SearchOptions
-from optid.diagnosis.fitted import with_cycles
+from optid.diagnosis.fitted import alternate_horizons
 from optid.errors import SolveError
 from tests.diagnosis.trolley import TRUTH, problem_of, recording
 
@@ -36,14 +36,14 @@ def test_cycles_go_on_while_each_lowers_the_loss(monkeypatch, later, ends, fits)
 
     monkeypatch.setattr(fitted, "fit_model", fit_model)
     problem = SimpleNamespace(options=SearchOptions(), budget=SimpleNamespace(is_over=False))
-    assert with_cycles(model(100.0), problem).fit.loss == ends
+    assert alternate_horizons(model(100.0), problem).fit.loss == ends
     assert len(asked) == fits and all(short for _, short in asked)
     assert [p for p, _ in asked] == [100.0, *later[: fits - 1]]  # each begins where the one before it ended
 
 
 def test_a_fit_at_its_optimum_stays_there(tmp_path):
     base, problem = fit_base(problem_of(tmp_path, [recording(s, f"{s}.csv") for s in (1, 2)]))
-    again = with_cycles(base, problem)
+    again = alternate_horizons(base, problem)
     assert again.fit.loss <= base.fit.loss
     for name, value in TRUTH.items():
         assert again.values[name] == pytest.approx(value, rel=0.01)

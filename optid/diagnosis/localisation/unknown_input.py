@@ -6,7 +6,7 @@ the signal has process noise: if the states had it as well, they would absorb th
 signal would fit the remainder at another site.
 
 A walk alone would favour wrong sites: bursts at a valve add up to a walk of the force behind it. Each site's signal may
-therefore be forgotten faster as well (a Gauss-Markov process), and its best memory counts.
+therefore be a Gauss-Markov process of shorter correlation time as well, and the best one counts.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from optid.rigs.rigfile import with_effects
 LOUD = 100.0  # times the smallest visible signal: usual step of the random walk in a second, the middle level
 TURNS, GAUSS_NEWTON = 2, 3  # iterations with new gains, and steps of each
 # Samples: of signals that are no walk, from one that lasts a while to one that hardly lasts.
-MEMORIES = (15.0, 2.5)
+CORRELATION_TIMES = (15.0, 2.5)
 FORGETTING = Parameter(
     "forgetting", "1/s", 1.0, "rate at which the signal is forgotten", "0: a walk", 0.0, fitted=False
 )
@@ -67,9 +67,9 @@ class UnknownInput:
         gain: decrease of -2 log likelihood compared with the model with measurement noise only.
         signals: filtered estimates of the walk at each sample, in the sites' units, (samples, sites).
         sd: standard deviations of the filter, (samples, sites).
-        deviance: -2 log likelihood of each sample with the signal's best memory, as the gain, (samples,).
+        deviance: -2 log likelihood of each sample at the best correlation time, as the gain, (samples,).
         p: parameters of the model without it, fitted with it, (parameters,).
-        memory: that explains most, samples.
+        correlation_time: that explains most, samples; infinite for a walk.
     """
 
     sites: tuple[str, ...]
@@ -78,11 +78,13 @@ class UnknownInput:
     sd: Array
     deviance: Array
     p: Array
-    memory: float = math.inf
+    correlation_time: float = math.inf
 
-    def explaining_as(self, other: Self) -> Self:
-        """The same signals, which explain as much as those of another memory or with other parameters."""
-        return replace(self, gain=other.gain, deviance=other.deviance, p=other.p, memory=other.memory)
+    def with_gain_of(self, other: Self) -> Self:
+        """The same signals, which explain as much as those of another correlation time or with other parameters."""
+        return replace(
+            self, gain=other.gain, deviance=other.deviance, p=other.p, correlation_time=other.correlation_time
+        )
 
     @property
     def site(self) -> str:
@@ -124,9 +126,9 @@ def locate(model: FittedModel, problem: DiagnosisProblem) -> list[UnknownInput]:
     Sites that the recordings do not tell apart have the same likelihood only with the same parameters: every other one
     is also tried with the parameters of the best.
     """
-    tried = parallel_map(lambda sites: _with_best_memory(model, problem, sites), places(model))
+    tried = parallel_map(lambda sites: _with_best_correlation_time(model, problem, sites), places(model))
     found = sorted((one for one in tried if one is not None), key=lambda one: -one.gain)
-    again = parallel_map(lambda one: _with_parameters_of(found[0], one, model, problem), found[1:])
+    again = parallel_map(lambda one: _at_parameters_of(found[0], one, model, problem), found[1:])
     return sorted([*found[:1], *again], key=lambda one: -one.gain)
 
 
@@ -143,30 +145,32 @@ def places(model: FittedModel) -> tuple[tuple[str, ...], ...]:
     return tuple(chosen)
 
 
-def _with_best_memory(
+def _with_best_correlation_time(
     model: FittedModel, problem: DiagnosisProblem, sites: tuple[str, ...]
 ) -> UnknownInput | None:
-    """A walk at these sites, with the gain of the memory that explains most; shorter ones while each explains more."""
+    """A walk at these sites, with the gain of the best correlation time; shorter ones while each explains more."""
     walk = locate_at(model, problem, *sites)
     if walk is None:
         return None
     best = walk
-    for memory in MEMORIES:
-        one = locate_at(model, problem, *sites, begin=best.p, turns=1, memory=memory)
+    for correlation_time in CORRELATION_TIMES:
+        one = locate_at(model, problem, *sites, begin=best.p, turns=1, correlation_time=correlation_time)
         if one is None or one.gain <= best.gain:
             break
         best = one
-    return walk if walk is best else walk.explaining_as(best)
+    return walk if walk is best else walk.with_gain_of(best)
 
 
-def _with_parameters_of(
+def _at_parameters_of(
     best: UnknownInput, one: UnknownInput, model: FittedModel, problem: DiagnosisProblem
 ) -> UnknownInput:
     """The input at another site with the best one's parameters, if these explain more and could come near."""
     if one.gain < best.gain / 2.0:
         return one
-    other = locate_at(model, problem, *one.sites, begin=best.p, turns=0, memory=one.memory)
-    return one if other is None or other.gain < one.gain else one.explaining_as(other)
+    other = locate_at(
+        model, problem, *one.sites, begin=best.p, turns=0, correlation_time=one.correlation_time
+    )
+    return one if other is None or other.gain < one.gain else one.with_gain_of(other)
 
 
 def locate_at(
@@ -175,17 +179,17 @@ def locate_at(
     *sites: str,
     begin: Array | None = None,
     turns: int = TURNS,
-    memory: float = math.inf,
+    correlation_time: float = math.inf,
 ) -> UnknownInput | None:
     """An unknown input at one site, or at each of several similar ones; ``None`` where none would be visible.
 
     The model's parameters are fitted with it in so many `turns`, from its own or those to `begin` with, (parameters,).
-    It is a walk, or forgotten within its `memory`, samples.
+    It is a walk, or has a finite `correlation_time`, samples.
     """
     scale = push(model, problem, sites[0])
     if scale is None:
         return None
-    forgetting = 1.0 / (memory * float(np.median(model.likelihood_problem.problem.dt)))
+    forgetting = 1.0 / (correlation_time * float(np.median(model.likelihood_problem.problem.dt)))
     size = LOUD * scale * max(1.0, math.sqrt(forgetting))  # as large as a walk within a second
     rig = with_effects(model.rig, (Disturbance(sites, "1", size),), {"unknown.forgetting": forgetting})
     own = [state.name for state in rig.model.states]
@@ -207,7 +211,7 @@ def locate_at(
     gain, drift = _noiseless(model) - float(each.sum()), list(walks)
     sd = np.sqrt(f.covariances[0][:, drift, drift])
     own_p = p[[q.model.index(one.name) for one in plain.parameters]]
-    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each, own_p, memory)
+    return UnknownInput(sites, gain, f.states[0][:, drift], sd, each, own_p, correlation_time)
 
 
 def _refined_levels(q: LikelihoodProblem, p: Array, levels: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from optid.diagnosis.fitted import FittedModel, fit_model, with_cycles
+from optid.diagnosis.fitted import FittedModel, alternate_horizons, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate, rejection_reason
@@ -43,7 +43,7 @@ def without_effect(model: FittedModel, effect: Effect, problem: DiagnosisProblem
     rig = with_effects(problem.rig, rest, {}) if rest else problem.rig
     q = problem.likelihood_problem(rig)
     p = q.model.vector({q.name: model.values[q.name] for q in q.model.parameters})
-    return with_cycles(fit_model(problem, rest, rig, q, p), problem)
+    return alternate_horizons(fit_model(problem, rest, rig, q, p), problem)
 
 
 def without_effects(path: SelectionPath, names: Sequence[str], problem: DiagnosisProblem) -> SelectionPath:

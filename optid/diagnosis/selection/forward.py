@@ -8,7 +8,7 @@ from functools import partial
 
 from optid.core.model import Array
 from optid.core.threads import parallel_map
-from optid.diagnosis.fitted import FittedModel, fit_model, with_cycles
+from optid.diagnosis.fitted import FittedModel, alternate_horizons, fit_model
 from optid.diagnosis.problem import DiagnosisProblem, Stage
 from optid.diagnosis.proposals import Proposal, Proposals, propose
 from optid.diagnosis.selection.path import Contender, Round
@@ -41,14 +41,14 @@ def forward_step(
     fitted = [(one.effect, model) for one, model in zip(few, fits, strict=True) if model is not None]
     least = min((model.fit.loss for _, model in fitted), default=0.0)
 
-    def converged(pair: tuple[Effect, FittedModel]) -> Contender | None:
+    def converged_contender(pair: tuple[Effect, FittedModel]) -> Contender | None:
         effect, model = pair
         if model.fit.loss <= problem.options.near * least:
-            model = with_cycles(model, problem)
-        return _judged(current, first, before, problem, len(effects), effect, model)
+            model = alternate_horizons(model, problem)
+        return _validated_contender(current, first, before, problem, len(effects), effect, model)
 
     contenders = sorted(
-        (one for one in parallel_map(converged, fitted) if one is not None),
+        (one for one in parallel_map(converged_contender, fitted) if one is not None),
         key=lambda one: (bool(one.why), one.validated.windows.sum()),
     )
     taken = next((one for one in contenders if not one.why), None)
@@ -78,10 +78,14 @@ def contend(
 ) -> Contender | None:
     """A proposal fully fitted, from where it was `begun`, and validated; ``None`` where the simulation diverges."""
     model = fit_proposal(current, problem, one, begun)
-    return None if model is None else _judged(current, first, before, problem, tried, one.effect, model)
+    return (
+        None
+        if model is None
+        else _validated_contender(current, first, before, problem, tried, one.effect, model)
+    )
 
 
-def _judged(
+def _validated_contender(
     current: FittedModel,
     first: Validated,
     before: Validated,

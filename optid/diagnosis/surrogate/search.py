@@ -62,7 +62,7 @@ def answer_of(path: SelectionPath, surrogate: Surrogate | None) -> FittedModel:
     return path.best
 
 
-def located(path: SelectionPath, problem: DiagnosisProblem) -> Surrogate | None:
+def localise(path: SelectionPath, problem: DiagnosisProblem) -> Surrogate | None:
     """Where a mismatch lies, without a form for it; ``None`` where no unknown input would be visible."""
     sites = locate(path.base, problem)
     return Surrogate(None, tuple(sites), (sites[0], *_rivalling(sites, problem))) if sites else None
