@@ -28,8 +28,8 @@ from optid.estimation.problem import Booleans, Problem
 PASSING, PRECISE = 1e-4, 1e-6
 ENOUGH = 50  # iterations: a fit that needs more does not converge
 TRUSTED = 1e-3  # damping up to which a step's predicted gain equals that of the undamped step
-# Damping beyond which no step is tried: with free parameters, and of states alone.
-LARGEST_DAMPING, OF_STATES = 1e8, 1.0
+# Damping beyond which no step is tried: where an axis breaks away at another time, states alone need a hundred.
+LARGEST_DAMPING = 1e8
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +263,7 @@ def descend(
                 settled = terms.cost - found.cost <= enough and moved < 1e-2
                 break
             reached = float(np.abs((trial.X - at.X) / o.model.scales).max())
-            if damping > (LARGEST_DAMPING if o.free else OF_STATES) or max(moved, reached) < 1e-12:
+            if damping > LARGEST_DAMPING or max(moved, reached) < 1e-12:
                 stuck = True
                 break
             refused, damping = True, max(damping * 10, 1e-4)
