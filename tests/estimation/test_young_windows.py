@@ -104,8 +104,8 @@ def breaking_away(rig, seed):
     )
 
 
-# Where the axis breaks away decides the pressures at rest; a descent with little damping ends beside it, an error of 250
-# times the noise.
+# When the axis breaks away tells the pressures at rest; a descent with little damping ends beside it, at an error of
+# 250 times the noise.
 @pytest.mark.parametrize("seed", [18, 47, 53])
 def test_windows_after_breaking_away_err_by_the_noise(hard_contact, seed):
     record = breaking_away(hard_contact, seed)
