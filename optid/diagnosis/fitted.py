@@ -16,6 +16,7 @@ from optid.errors import SolveError
 from optid.estimation.fixed_gain import SETTLED
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
+from optid.estimation.objective import below_floors
 from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
@@ -118,3 +119,14 @@ def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
             problem, model.effects, rig, q, model.p, level=model.fit.level
         )
     return model.refitted[problem.train]
+
+
+def final_fit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
+    """The refit of a search's result, with nuisance parameters free below the bounds that keep searches quick."""
+    model = refit(model, problem)
+    q = model.likelihood_problem
+    low = below_floors(q.model, q.free, q.low, model.p)
+    if (low == q.low).all():
+        return model
+    free = replace(q, low=low)
+    return fit_model(problem, model.effects, model.rig, free, model.p, level=model.fit.level)

@@ -31,7 +31,7 @@ from optid.diagnosis.checkpoint import (
     path_from,
 )
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.fitted import FittedModel, refit
+from optid.diagnosis.fitted import FittedModel, final_fit
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
 from optid.diagnosis.refinement import refine, with_information
@@ -157,14 +157,14 @@ def _refine_and_test(
 ) -> TestedResult:
     """The answer of a search, refined on all samples and tested on the recordings held out."""
     path, problem = found.path, found.problem
-    fitted = refit(path.base, problem)
-    best = refine(fitted if answer is path.base else refit(answer, problem), problem)
+    fitted = final_fit(path.base, problem)
+    best = refine(fitted if answer is path.base else final_fit(answer, problem), problem)
     plain = best if answer is path.base else with_information(fitted)
     problem.report(Stage.TEST, "testing on the recordings held out")
     rivals = {
-        name: refit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
+        name: final_fit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
     }
-    strongest = None if path.strongest is None or best is not plain else refit(path.strongest, problem)
+    strongest = None if path.strongest is None or best is not plain else final_fit(path.strongest, problem)
     opened = unseal()
     test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, problem.criteria)
     names = tuple(one.name for one in opened)

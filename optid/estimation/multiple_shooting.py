@@ -22,7 +22,7 @@ from optid.estimation.covariance import covariance
 from optid.estimation.identifiability import Collinearity, examine, find_ties
 from optid.estimation.initial_trajectory import guess
 from optid.estimation.noise_continuation import HARD, TIGHT, Pace, Solution, anneal, go_on, tightened
-from optid.estimation.objective import objective_of, with_nuisance_parameters
+from optid.estimation.objective import below_floors, objective_of, with_nuisance_parameters
 from optid.estimation.output_error import fit_by_simulation
 from optid.estimation.problem import Booleans, build_problem, node_distance
 from optid.estimation.result import CONFIDENCE, Z95, Certificate, Estimate, Fit, Outcome
@@ -159,21 +159,8 @@ def _from_start(o: Objective, at: Point, linear: Terms | None, noise: float | No
     if noise is not None and noise <= HARD:
         return fit_by_simulation(o, at, linear, pace)
     found = anneal(o, at, linear, noise, pace)
-    return go_on(_below_floors(found), found, noise, pace)
-
-
-def _below_floors(found: Solution) -> Objective:
-    """With nuisance parameters that ended at the lower bound of a quick search free down to their physical one.
-
-    True stiction drives the elastic motion before sliding there, which biases the other parameters in proportion
-    (viscous friction by 0.1 % at 2 um, the inertia of an arm by 0.3 % at 20 urad).
-    """
-    o, low = found.objective, found.objective.low.copy()
-    for k, i in enumerate(o.free):
-        one = o.model.parameters[i]
-        if one.nuisance is not None and found.at.p[i] <= (1.0 + 1e-6) * low[k] and low[k] == one.nuisance.low:
-            low[k] = one.bounds[0]
-    return replace(o, low=low)
+    o = found.objective
+    return go_on(replace(o, low=below_floors(o.model, o.free, o.low, found.at.p)), found, noise, pace)
 
 
 def _refuse_idle(rig: Rig, ties: Collinearity) -> None:

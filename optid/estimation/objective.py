@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from optid.core.model import Array
+from optid.core.model import Array, Model
 from optid.core.parameter import Parameter
 from optid.estimation.problem import Problem
 from optid.estimation.smoother import Objective
@@ -32,6 +33,20 @@ def with_nuisance_parameters(rig: Rig, *, by_filter: bool = False) -> tuple[Free
             if (n := one.nuisance) is not None and one.name not in stated and (by_filter or not n.by_filter)
         ),
     )
+
+
+def below_floors(model: Model, free: Sequence[int], low: Array, p: Array) -> Array:
+    """Lower bounds, (free,), with those of nuisance parameters that ended at them replaced by the physical ones.
+
+    Their bounds keep searches quick. True stiction drives the elastic motion before sliding to its bound, which biases
+    the other parameters in proportion (viscous friction by 0.1 % at 2 um, the inertia of an arm by 0.3 % at 20 urad).
+    """
+    lower = low.copy()
+    for k, i in enumerate(free):
+        one = model.parameters[i]
+        if one.nuisance is not None and p[i] <= (1.0 + 1e-6) * low[k] and low[k] == one.nuisance.low:
+            lower[k] = one.bounds[0]
+    return lower
 
 
 def objective_of(
