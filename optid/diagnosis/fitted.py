@@ -16,7 +16,7 @@ from optid.errors import SolveError
 from optid.estimation.fixed_gain import SETTLED
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
-from optid.estimation.objective import below_floors
+from optid.estimation.objective import physical_bounds
 from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
@@ -125,8 +125,5 @@ def final_fit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
     """The refit of a search's result, with nuisance parameters free below the bounds that keep searches quick."""
     model = refit(model, problem)
     q = model.likelihood_problem
-    low = below_floors(q.model, q.free, q.low, model.p)
-    if (low == q.low).all():
-        return model
-    free = replace(q, low=low)
+    free = replace(q, low=physical_bounds(q.model, q.free, q.low))
     return fit_model(problem, model.effects, model.rig, free, model.p, level=model.fit.level)

@@ -162,7 +162,8 @@ def _refine_and_test(
     plain = best if answer is path.base else with_information(fitted)
     problem.report(Stage.TEST, "testing on the recordings held out")
     rivals = {
-        name: final_fit(one, problem) if one.effects else one for name, one in without_each(path, answer).items()
+        name: final_fit(one, problem) if one.effects else one
+        for name, one in without_each(path, answer).items()
     }
     strongest = None if path.strongest is None or best is not plain else final_fit(path.strongest, problem)
     opened = unseal()

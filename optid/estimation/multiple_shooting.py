@@ -22,7 +22,7 @@ from optid.estimation.covariance import covariance
 from optid.estimation.identifiability import Collinearity, examine, find_ties
 from optid.estimation.initial_trajectory import guess
 from optid.estimation.noise_continuation import HARD, TIGHT, Pace, Solution, anneal, go_on, tightened
-from optid.estimation.objective import below_floors, objective_of, with_nuisance_parameters
+from optid.estimation.objective import objective_of, physical_bounds, with_nuisance_parameters
 from optid.estimation.output_error import fit_by_simulation
 from optid.estimation.problem import Booleans, build_problem, node_distance
 from optid.estimation.result import CONFIDENCE, Z95, Certificate, Estimate, Fit, Outcome
@@ -160,7 +160,7 @@ def _from_start(o: Objective, at: Point, linear: Terms | None, noise: float | No
         return fit_by_simulation(o, at, linear, pace)
     found = anneal(o, at, linear, noise, pace)
     o = found.objective
-    return go_on(replace(o, low=below_floors(o.model, o.free, o.low, found.at.p)), found, noise, pace)
+    return go_on(replace(o, low=physical_bounds(o.model, o.free, o.low)), found, noise, pace)
 
 
 def _refuse_idle(rig: Rig, ties: Collinearity) -> None:

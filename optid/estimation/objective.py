@@ -35,18 +35,17 @@ def with_nuisance_parameters(rig: Rig, *, by_filter: bool = False) -> tuple[Free
     )
 
 
-def below_floors(model: Model, free: Sequence[int], low: Array, p: Array) -> Array:
-    """Lower bounds, (free,), with those of nuisance parameters that ended at them replaced by the physical ones.
+def physical_bounds(model: Model, free: Sequence[int], low: Array) -> Array:
+    """Lower bounds, (free,), with those that keep searches of nuisance parameters quick replaced by the physical ones.
 
-    Their bounds keep searches quick. True stiction drives the elastic motion before sliding to its bound, which biases
-    the other parameters in proportion (viscous friction by 0.1 % at 2 um, the inertia of an arm by 0.3 % at 20 urad).
+    True stiction drives the elastic motion before sliding to its bound, which biases the other parameters in proportion
+    (viscous friction by 0.1 % at 2 um, the inertia of an arm by 0.3 % at 20 urad).
     """
-    lower = low.copy()
-    for k, i in enumerate(free):
-        one = model.parameters[i]
-        if one.nuisance is not None and p[i] <= (1.0 + 1e-6) * low[k] and low[k] == one.nuisance.low:
-            lower[k] = one.bounds[0]
-    return lower
+    parameters = [model.parameters[i] for i in free]
+    quick = [
+        one.nuisance is not None and one.nuisance.low == at for one, at in zip(parameters, low, strict=True)
+    ]
+    return np.where(quick, [one.bounds[0] for one in parameters], low)
 
 
 def objective_of(
