@@ -122,8 +122,8 @@ def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
 
 
 def final_fit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
-    """The refit of a search's result, with nuisance parameters free below the bounds that keep searches quick."""
-    model = refit(model, problem)
-    q = model.likelihood_problem
-    free = replace(q, low=physical_bounds(q.model, q.free, q.low))
-    return fit_model(problem, model.effects, model.rig, free, model.p, level=model.fit.level)
+    """The result of a search fitted at full rate, with nuisance parameters free within their physical bounds."""
+    rig, near = replace(model.rig, channels=problem.rig.channels), model.refitted.get(problem.train, model)
+    q = problem.likelihood_problem(rig)
+    q = replace(q, low=physical_bounds(q.model, q.free, q.low))
+    return fit_model(problem, model.effects, rig, q, near.p, level=model.fit.level)

@@ -1,13 +1,21 @@
 """The search integrates less accurately than its result is fitted and tested."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from optid.core.readers import read_recording
 from optid.diagnosis.base_fit import fit_base
-from optid.diagnosis.fitted import refit
+from optid.diagnosis.criteria import SearchOptions
+from optid.diagnosis.fitted import final_fit, refit
+from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
 from optid.estimation.problem import TOLERANCE
+from optid.rigs.friction import PRESLIDING_LENGTH
+from optid.rigs.rigfile import read_rig
 from tests.diagnosis.trolley import problem_of, recording
+
+DATA = Path(__file__).parents[2] / "data"
 
 
 def tolerances(model):
@@ -33,3 +41,20 @@ def test_a_faster_recording_is_also_decimated(tmp_path):
     search = asked.at_search_accuracy()
     assert len(search.train[0]) < len(asked.train[0])
     assert search.likelihood_problem(search.rig).problem.tolerance == asked.options.tolerance
+
+
+def test_the_final_fit_goes_below_the_bounds_that_keep_a_search_quick():
+    rig = read_rig(DATA / "bench.toml")
+    rig, train = prepare(rig, [read_recording(DATA / "bench.csv", rig)])
+    noise = measurement_noise(rig, train)
+    asked = DiagnosisProblem(rig, train, noise, options=SearchOptions(turns=1, steps=1))
+    base, _ = fit_base(asked.at_search_accuracy())
+
+    def lowest(model):
+        q = model.likelihood_problem
+        return q.low[[q.model.parameters[i].name for i in q.free].index("presliding_length")]
+
+    final = final_fit(base, asked)
+    assert lowest(base) == PRESLIDING_LENGTH.nuisance.low
+    assert lowest(final) == PRESLIDING_LENGTH.bounds[0] < lowest(base)
+    assert final.fit.loss <= refit(base, asked).fit.loss
