@@ -96,3 +96,23 @@ def test_what_the_data_do_not_show_is_not_identifiable():
     at_bound.fit.information = np.full((2, 2), 200.0)
     known, _ = intervals(at_bound, 1.0)  # its twin stands at a bound
     assert known.identifiable and half(known) < 0.5
+
+
+def test_recordings_that_contradict_each_other_widen_what_they_contradict():
+    """Two recordings of the same line: one sees an offset that the other does not."""
+    there = refined([0.0, 0.5], [-5.0, -5.0], [5.0, 5.0])
+    answer, problem = there.fit, there.fit.likelihood_problem.problem
+    problem.recording, problem.counts = np.array([0, 1]), np.array([99, 99])
+    slopes = np.stack([np.ones(200), np.tile([-1.0, 1.0], 100)], axis=1)[
+        :, None, :
+    ]  # of independent parameters
+    answer.slopes.innovations, answer.information = -slopes, slopes[:, 0].T @ slopes[:, 0]
+    _, before = intervals(there, 1.0)
+    answer.filtered.innovations = answer.filtered.innovations + np.repeat([0.5, -0.5], 100)[None, :, None]
+    offset, other = intervals(there, 1.0)
+    # The estimates lie about 0.5 on either side of the common one, and one has an sd of a tenth.
+    noise = answer.filtered.innovations[0, :, 0]
+    birge = abs(noise[:100].mean() - noise[100:].mean()) / np.sqrt(2.0) / 0.1
+    assert birge > 5.0
+    assert half(offset) == pytest.approx(1.959964 * birge / np.sqrt(200), rel=0.1)
+    assert half(other) == pytest.approx(half(before), rel=0.1)
