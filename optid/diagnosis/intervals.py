@@ -9,7 +9,7 @@ Times resolved by samples have at least the interval that the effect states.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,8 +17,7 @@ from scipy.special import ndtri
 from optid.core.model import Array
 from optid.diagnosis.refinement import RefinedModel
 from optid.effects.effect import Effect
-from optid.estimation.likelihood import huber_weight
-from optid.estimation.likelihood_point import LikelihoodFit
+from optid.estimation.likelihood_point import LikelihoodFit, Scores
 from optid.estimation.problem import Booleans, Integers, window_blocks, window_seconds
 from optid.estimation.result import Z95, Estimate
 
@@ -119,37 +118,44 @@ def _left_to_go(answer: LikelihoodFit, fixed: Booleans) -> Array:
 
 def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     """Of the free parameters in typical sizes, (free, free), where some of them, (free,), are known."""
-    q, scores, moved = answer.likelihood_problem, _Scores.of(answer), _moved(answer, fixed)
+    q, scores, moved = (
+        answer.likelihood_problem,
+        Scores.of(answer.filtered, answer.slopes),
+        _moved(answer, fixed),
+    )
     inverse = np.zeros_like(answer.information)
     inverse[np.ix_(moved, moved)] = _inverse(answer.information[np.ix_(moved, moved)])
     length = window_seconds(float(np.median(q.problem.dt)), float(np.ptp(q.problem.time)))
-    where = window_blocks(scores.recording, q.problem.time[scores.rows], length)
+    owner = np.repeat(q.problem.recording, q.problem.counts + 1)[scores.rows]
+    where = window_blocks(owner, q.problem.time[scores.rows], length)
     summed = np.zeros((int(where.max()) + 1, len(moved)))
     np.add.at(summed, where, scores.values)
-    sandwich = inverse @ (summed.T @ summed + np.diag(_prior_information(answer))) @ inverse
+    prior = np.zeros(len(moved))
+    prior[: len(q.free)] = (q.typical / q.prior_sd) ** 2
+    sandwich = inverse @ (summed.T @ summed + np.diag(prior)) @ inverse
     own = np.diag(inverse)
     wider = np.divide(
         np.diag(sandwich), own, out=np.ones(len(own)), where=own > 1e-30
     )  # 0: without influence
-    scale = np.sqrt(np.maximum(np.maximum(wider, _between_recordings(answer, scores, moved)), 1.0))
+    scale = np.sqrt(np.maximum(np.maximum(wider, _between_recordings(scores, owner, prior, moved)), 1.0))
     nf = len(q.free)
     return np.asarray((inverse * np.outer(scale, scale))[:nf, :nf])
 
 
-def _between_recordings(answer: LikelihoodFit, scores: _Scores, moved: Booleans) -> Array:
+def _between_recordings(scores: Scores, owner: Integers, prior: Array, moved: Booleans) -> Array:
     """Variance of each parameter's estimates from single recordings over the expected one, (free + levels,).
 
     Each estimate is the Gauss-Newton step of its recording from the common one. A law in another form than the true
     one biases recordings of different motion differently, long before its error exceeds the noise.
     """
-    recordings = np.unique(scores.recording)
+    recordings = np.unique(owner)
     if len(recordings) < 2:
         return np.ones(len(moved))
-    prior = np.diag(_prior_information(answer)) / len(recordings)
     at, weight = np.zeros((2, len(recordings), len(moved)))
     for k, one in enumerate(recordings):
-        part = scores.recording == one
-        inverse = _inverse((scores.information(part) + prior)[np.ix_(moved, moved)])
+        part = owner == one
+        information = scores.information(part) + np.diag(prior) / len(recordings)
+        inverse = _inverse(information[np.ix_(moved, moved)])
         at[k, moved] = -inverse @ scores.values[part].sum(axis=0)[moved]
         own = np.diag(inverse)
         weight[k, moved] = np.divide(1.0, own, out=np.zeros(len(own)), where=own > 1e-30)
@@ -158,52 +164,9 @@ def _between_recordings(answer: LikelihoodFit, scores: _Scores, moved: Booleans)
     return np.asarray((weight * (at - mean) ** 2).sum(axis=0) / (len(recordings) - 1))
 
 
-@dataclass(frozen=True, eq=False)
-class _Scores:
-    """Derivatives of half the score by parameters in typical sizes and then levels, sample by sample and output.
-
-    Attributes:
-        values: (known, free + levels).
-        slopes, variances: of the scaled innovations, each times the root of its weight, and of the log of their
-            variances; the same shape.
-        rows: sample of each; `recording`, whose it is, (known,).
-    """
-
-    values: Array
-    slopes: Array
-    variances: Array
-    rows: Integers
-    recording: Integers
-
-    @classmethod
-    def of(cls, answer: LikelihoodFit) -> _Scores:
-        """At the end of a search."""
-        problem, f, slopes = answer.likelihood_problem.problem, answer.filtered, answer.slopes
-        e, v = f.innovations[0], f.variances[0]
-        known = np.isfinite(e) & np.isfinite(slopes.innovations).all(axis=-1)
-        z, rows = e[known] / np.sqrt(v[known]), np.nonzero(known)[0]
-        weight, scaled = huber_weight(z), slopes.innovations[known] / np.sqrt(v[known])[:, None]
-        values = scaled * (weight * z)[:, None]
-        values += 0.5 * slopes.variances[known] * (1.0 - weight * z**2)[:, None]
-        owner = np.repeat(problem.recording, problem.counts + 1)[rows]
-        return cls(values, scaled * np.sqrt(weight)[:, None], slopes.variances[known], rows, owner)
-
-    def information(self, part: Booleans) -> Array:
-        """Fisher's, of a part of the samples."""
-        slopes, variances = self.slopes[part], self.variances[part]
-        return np.asarray(slopes.T @ slopes + 0.5 * variances.T @ variances)
-
-
 def _moved(answer: LikelihoodFit, fixed: Booleans) -> Booleans:
     """Parameters that are not fixed, and all levels, (free + levels,)."""
     return np.append(~fixed, np.ones(len(answer.information) - len(fixed), dtype=np.bool_))
-
-
-def _prior_information(answer: LikelihoodFit) -> Array:
-    """That of the priors in typical sizes, (free + levels,)."""
-    q, prior = answer.likelihood_problem, np.zeros(len(answer.information))
-    prior[: len(q.free)] = (q.typical / q.prior_sd) ** 2
-    return prior
 
 
 def _inverse(information: Array) -> Array:

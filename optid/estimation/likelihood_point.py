@@ -19,7 +19,7 @@ from optid.estimation.likelihood import (
     run_filter,
     run_fixed_gain_filter,
 )
-from optid.estimation.problem import Problem
+from optid.estimation.problem import Booleans, Integers, Problem
 from optid.rigs.rigfile import Rig
 
 # Finite differences span REACH conditional standard deviations: dry friction makes the likelihood rough on the scale
@@ -109,6 +109,39 @@ class LikelihoodFit:
     gradient: Array
     information: Array
     settled: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Derivatives of half the score, of each sample and output, by parameters in typical sizes and then by log levels.
+
+    Attributes:
+        values: (known, free + levels).
+        slopes, variances: of the scaled innovations, each times the root of its weight, and of the log of their
+            variances; the same shape.
+        rows: sample of each, (known,).
+    """
+
+    values: Array
+    slopes: Array
+    variances: Array
+    rows: Integers
+
+    @classmethod
+    def of(cls, filtered: Filtered, slopes: Jacobians) -> Scores:
+        """Of the first parameter set of a filter run."""
+        e, v = filtered.innovations[0], filtered.variances[0]
+        known = np.isfinite(e) & np.isfinite(slopes.innovations).all(axis=-1)
+        sd, D = np.sqrt(v[known]), slopes.variances[known]
+        z, J = e[known] / sd, slopes.innovations[known] / sd[:, None]
+        weight = huber_weight(z)
+        values = J * (weight * z)[:, None] + 0.5 * D * (1.0 - weight * z**2)[:, None]
+        return cls(values, J * np.sqrt(weight)[:, None], D, np.nonzero(known)[0])
+
+    def information(self, part: Booleans | slice = slice(None)) -> Array:
+        """Fisher's, of a part of the samples, (free + levels, free + levels)."""
+        J, D = self.slopes[part], self.variances[part]
+        return np.asarray(J.T @ J + 0.5 * D.T @ D)
 
 
 class LikelihoodPoint:
@@ -238,15 +271,8 @@ class LikelihoodPoint:
         if self.slopes is None:
             self.differentiate()
         assert self.slopes is not None
-        q, nf = self.q, len(self.q.free)
-        e, v = self.filtered.innovations[0], self.filtered.variances[0]
-        known = np.isfinite(e) & np.isfinite(self.slopes.innovations).all(axis=-1)
-        sd = np.sqrt(v[known])
-        z, D = e[known] / sd, self.slopes.variances[known]
-        J = self.slopes.innovations[known] / sd[:, None]
-        weight = huber_weight(z)
-        gradient = J.T @ (weight * z) + 0.5 * D.T @ (1.0 - weight * z**2)
-        information = J.T @ (J * weight[:, None]) + 0.5 * D.T @ D
+        q, nf, scores = self.q, len(self.q.free), Scores.of(self.filtered, self.slopes)
+        gradient, information = scores.values.sum(axis=0), scores.information()
         prior = (q.typical / q.prior_sd) ** 2
         gradient[:nf] += (self.p[list(q.free)] - q.prior) / q.typical * prior
         information[range(nf), range(nf)] += prior
