@@ -258,6 +258,24 @@ class Model:
             raise PlantError(f"no value for {', '.join(absent)}", where=self.name)
         return np.array([float(values.get(q.name, q.default)) for q in self.parameters])  # type: ignore[arg-type]
 
+    def known_bias(self, free: Sequence[int], values: Array) -> Array:
+        """What smooth approximations of discontinuous laws may bias parameters by.
+
+        Parameters
+        ----------
+        free : Sequence[int]
+            their places in the vector p.
+        values : Array
+            theirs, SI, (free,).
+
+        Returns
+        -------
+        Array
+            a standard uncertainty of type B (GUM, 4.3) each, SI, (free,).
+        """
+        shares = [self.biases.get(self.parameters[i].name, 0.0) for i in free]
+        return np.asarray(np.array(shares) * np.abs(values))
+
     def vector_from(self, smaller: Model, p: Array, values: Mapping[str, float]) -> Array:
         """The vector p with the values of a smaller model of the same plant; the other parameters by name.
 

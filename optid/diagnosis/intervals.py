@@ -36,6 +36,7 @@ def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     # Bounds of nuisance parameters keep simulations short: the truth may lie beyond, and others make up for it.
     nuisance = np.array([q.model.parameters[i].nuisance is not None for i in q.free])
     sd = np.hypot(sd, _left_to_go(answer, bound & ~nuisance))
+    sd = np.hypot(sd, np.where(bound, 0.0, q.model.known_bias(q.free, theta)))
     unseen = [_unidentifiable(answer.information, fixed) for fixed in (np.zeros_like(bound), bound)]
     sd[np.where(bound, *unseen)] = np.inf
     wide = np.where(sd > 0.0, max(ratio, 1.0) * Z95 * np.where(sd > 0.0, sd, 1.0), 0.0)

@@ -228,7 +228,7 @@ def _result(
     cov = covariance(o, at, terms, q, fixed)
     if compare and best.outcome is Outcome.CONVERGED:
         cov = cov + np.diag(_imperfection(o, best, cov, fixed))
-    cov = cov + np.diag(_stand_ins(o, theta, fixed))
+    cov = cov + np.diag(np.where(fixed, 0.0, o.model.known_bias(o.free, theta) ** 2))
     half = Z95 * np.sqrt(np.maximum(np.diag(cov), 0.0))
     half = np.where(ties.mute, np.inf, half)
     reach = _one_sided(o, best, bound, np.asarray(ties.mute))
@@ -293,13 +293,6 @@ def _imperfection(o: Objective, best: Solution, cov: Array, fixed: Booleans) -> 
     difference = (at.p - best.at.p)[list(o.free)]
     allowed = special.chdtri(1, 1.0 - CONFIDENCE) * np.abs(np.diag(cov) - own)
     return np.where(fixed, 0.0, np.maximum(difference**2 - allowed, np.maximum(own - np.diag(cov), 0.0)))
-
-
-def _stand_ins(o: Objective, theta: Array, fixed: Booleans) -> Array:
-    """Variance added for the known bias of smooth approximations of discontinuous laws, (free,)."""
-    biases = o.model.biases
-    share = np.array([biases.get(o.model.parameters[i].name, 0.0) for i in o.free])
-    return np.where(fixed, 0.0, (share * theta) ** 2)
 
 
 def _noise(o: Objective, t: Terms, at: Point, q: Array) -> dict[str, float]:

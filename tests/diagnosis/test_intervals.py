@@ -13,7 +13,7 @@ def refined(values, low, high):
     t = np.linspace(1.0, 1.2, 200)
     slopes = np.stack([np.ones_like(t), t], axis=1)[:, None, :]
     parameters = [SimpleNamespace(name=name, unit="1", nuisance=None) for name in "ab"]
-    model = SimpleNamespace(parameters=parameters)
+    model = SimpleNamespace(parameters=parameters, known_bias=lambda free, values: np.zeros(len(free)))
     problem = SimpleNamespace(
         recording=np.array([0]), counts=np.array([199]), time=np.arange(200) * 0.1, dt=np.full(199, 0.1)
     )
@@ -116,3 +116,12 @@ def test_recordings_that_contradict_each_other_widen_what_they_contradict():
     assert birge > 5.0
     assert half(offset) == pytest.approx(1.959964 * birge / np.sqrt(200), rel=0.1)
     assert half(other) == pytest.approx(half(before), rel=0.1)
+
+
+def test_what_a_plant_states_of_its_smooth_laws_counts_as_another_sd():
+    there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
+    before = intervals(there, 1.0)
+    there.fit.likelihood_problem.model.known_bias = lambda free, values: np.array([0.2, 0.0])
+    one, other = intervals(there, 1.0)
+    assert half(one) == pytest.approx(np.hypot(half(before[0]), 1.959964 * 0.2), rel=1e-6)
+    assert half(other) == half(before[1])
