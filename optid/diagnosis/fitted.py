@@ -16,7 +16,6 @@ from optid.errors import SolveError
 from optid.estimation.fixed_gain import SETTLED
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import QUIET, MultistepFit, fit_multistep
-from optid.estimation.objective import physical_bounds
 from optid.rigs.rigfile import Rig
 
 if TYPE_CHECKING:
@@ -119,11 +118,3 @@ def refit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
             problem, model.effects, rig, q, model.p, level=model.fit.level
         )
     return model.refitted[problem.train]
-
-
-def final_fit(model: FittedModel, problem: DiagnosisProblem) -> FittedModel:
-    """The result of a search fitted at full rate, with nuisance parameters free within their physical bounds."""
-    rig, near = replace(model.rig, channels=problem.rig.channels), model.refitted.get(problem.train, model)
-    q = problem.likelihood_problem(rig)
-    q = replace(q, low=physical_bounds(q.model, q.free, q.low))
-    return fit_model(problem, model.effects, rig, q, near.p, level=model.fit.level)

@@ -31,10 +31,10 @@ from optid.diagnosis.checkpoint import (
     path_from,
 )
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.fitted import FittedModel, final_fit
+from optid.diagnosis.fitted import FittedModel
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
-from optid.diagnosis.refinement import refine, with_information
+from optid.diagnosis.refinement import final_fit, refine, with_information
 from optid.diagnosis.result import Diagnosis, Verdict
 from optid.diagnosis.selection.backward import without_effects
 from optid.diagnosis.selection.path import SelectionPath, nothing_selected, without_each
@@ -156,16 +156,17 @@ def _refine_and_test(
     found: SearchResult, answer: FittedModel, unseal: Callable[[], Sequence[Recording]]
 ) -> TestedResult:
     """The answer of a search, refined on all samples and tested on the recordings held out."""
-    path, problem = found.path, found.problem
-    fitted = final_fit(path.base, problem)
-    best = refine(fitted if answer is path.base else final_fit(answer, problem), problem)
+    path, problem, last = (
+        found.path,
+        found.problem,
+        partial(final_fit, search=found.search, problem=found.problem),
+    )
+    fitted = last(path.base)
+    best = refine(fitted if answer is path.base else last(answer), problem)
     plain = best if answer is path.base else with_information(fitted)
     problem.report(Stage.TEST, "testing on the recordings held out")
-    rivals = {
-        name: final_fit(one, problem) if one.effects else one
-        for name, one in without_each(path, answer).items()
-    }
-    strongest = None if path.strongest is None or best is not plain else final_fit(path.strongest, problem)
+    rivals = {name: last(one) if one.effects else one for name, one in without_each(path, answer).items()}
+    strongest = None if path.strongest is None or best is not plain else last(path.strongest)
     opened = unseal()
     test = test_on_holdout(plain, best, rivals, strongest, opened, problem.noise, problem.criteria)
     names = tuple(one.name for one in opened)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from optid.core.model import Array
-from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.base_fit import is_at_noise
+from optid.diagnosis.fitted import FittedModel, fit_model, refit
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.effects.effect import Effect
 from optid.errors import SolveError
@@ -16,6 +17,7 @@ from optid.estimation.fisher_scoring import maximise, noise_levels, successive_h
 from optid.estimation.likelihood import Noise
 from optid.estimation.likelihood_point import LikelihoodFit, LikelihoodPoint, LikelihoodProblem
 from optid.estimation.multistep import multistep_loss
+from optid.estimation.objective import physical_bounds
 from optid.rigs.rigfile import Rig
 
 
@@ -45,6 +47,19 @@ class RefinedModel:
         for name in effect.strength:
             p[self.rig.model.index(f"{effect.name}.{name}")] = null[name]
         return p
+
+
+def final_fit(model: FittedModel, search: DiagnosisProblem, problem: DiagnosisProblem) -> FittedModel:
+    """The result of a search at full rate; one at the noise with nuisance parameters within their physical bounds.
+
+    A model that is not errs by more than the bounds that keep searches quick, and would be slow below them.
+    """
+    if not is_at_noise(model, search):
+        return refit(model, problem)
+    rig, near = replace(model.rig, channels=problem.rig.channels), model.refitted.get(problem.train, model)
+    q = problem.likelihood_problem(rig)
+    q = replace(q, low=physical_bounds(q.model, q.free, q.low))
+    return fit_model(problem, model.effects, rig, q, near.p, level=model.fit.level)
 
 
 def likely_noise(q: LikelihoodProblem, p: Array) -> Noise:

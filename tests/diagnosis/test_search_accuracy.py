@@ -8,8 +8,9 @@ import numpy as np
 from optid.core.readers import read_recording
 from optid.diagnosis.base_fit import fit_base
 from optid.diagnosis.criteria import SearchOptions
-from optid.diagnosis.fitted import final_fit, refit
+from optid.diagnosis.fitted import refit
 from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
+from optid.diagnosis.refinement import final_fit
 from optid.estimation.problem import TOLERANCE
 from optid.rigs.friction import PRESLIDING_LENGTH
 from optid.rigs.rigfile import read_rig
@@ -48,13 +49,15 @@ def test_the_final_fit_goes_below_the_bounds_that_keep_a_search_quick():
     rig, train = prepare(rig, [read_recording(DATA / "bench.csv", rig)])
     noise = measurement_noise(rig, train)
     asked = DiagnosisProblem(rig, train, noise, options=SearchOptions(turns=1, steps=1))
-    base, _ = fit_base(asked.at_search_accuracy())
+    base, search = fit_base(asked.at_search_accuracy())
 
     def lowest(model):
         q = model.likelihood_problem
         return q.low[[q.model.parameters[i].name for i in q.free].index("presliding_length")]
 
-    final = final_fit(base, asked)
+    final = final_fit(base, search, asked)
     assert lowest(base) == PRESLIDING_LENGTH.nuisance.low
     assert lowest(final) == PRESLIDING_LENGTH.bounds[0] < lowest(base)
     assert final.fit.loss <= refit(base, asked).fit.loss
+    unattained = replace(search, criteria=replace(search.criteria, error_over_noise=0.0))
+    assert final_fit(base, unattained, asked) is refit(base, asked)
