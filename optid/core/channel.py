@@ -32,6 +32,8 @@ class ChannelMap:
         see `factor`, in `model_unit`.
     sd : float | None
         standard deviation of the noise in `model_unit`, where known.
+    colour : float | None
+        its correlation from sample to sample, where that was estimated from other data than a fit's.
     full_scale : float | None
         largest value the channel can show, in `model_unit`, where known.
     per_unit : float
@@ -60,6 +62,7 @@ class ChannelMap:
     rate: float | None = None
     held: bool = False
     linear: bool | None = None
+    colour: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

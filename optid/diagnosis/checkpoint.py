@@ -111,12 +111,14 @@ def _model(one: FittedModel) -> dict[str, Any]:
     return {"effects": [e.name for e in one.effects], "p": one.p.tolist(), "level": one.fit.level}
 
 
-def _errors(one: Validated) -> list[list[float | None]]:
-    return [[None if np.isnan(x) else float(x) for x in row] for row in one.squares]
+def _errors(one: Validated) -> dict[str, Any]:
+    rows = [[None if np.isnan(x) else float(x) for x in row] for row in one.squares]
+    return {"squares": rows, "factors": np.ravel(one.factors).tolist()}
 
 
-def _errors_from(rows: list[list[float | None]]) -> Validated:
-    return Validated(np.array([[np.nan if x is None else x for x in row] for row in rows]))
+def _errors_from(document: Mapping[str, Any]) -> Validated:
+    rows = np.array([[np.nan if x is None else x for x in row] for row in document["squares"]])
+    return Validated(rows, np.array(document["factors"]))
 
 
 def _round(one: Round) -> dict[str, Any]:

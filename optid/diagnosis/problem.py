@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from optid.core.budget import UNLIMITED, Budget
+from optid.core.channel import ChannelMap
 from optid.core.decimation import brought_down, decimated
 from optid.core.model import Array, Model
 from optid.core.recording import Recording
@@ -19,7 +20,15 @@ from optid.estimation.fisher_scoring import likelihood_problem
 from optid.estimation.likelihood import WHOLE
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.problem import TOLERANCE, build_problem, window_seconds
-from optid.quality.noise import colour, grid, noise_sd, thinned_noise
+from optid.quality.noise import (
+    colour,
+    colour_of_factor,
+    decimated_noise,
+    grid,
+    information_factor,
+    noise_sd,
+    thinned_noise,
+)
 from optid.rigs.rigfile import Rig, with_effects
 
 
@@ -116,36 +125,59 @@ def prepare(
     else:
         thin = tuple(decimated(one, commands, rate) for one in recordings)
     if any(one is not before for one, before in zip(thin, recordings, strict=True)):
-        left = {role: _noise_left(role, c.sd, recordings, thin) for role, c in rig.channels.items()}
-        rig = replace(rig, channels={role: replace(c, sd=left[role]) for role, c in rig.channels.items()})
-    return rig, thin
+        rig = replace(
+            rig, channels={role: _decimated(c, recordings, thin) for role, c in rig.channels.items()}
+        )
+    told = {
+        port.role: _coloured(rig.channels[port.role], thin)
+        for port in rig.model.outputs
+        if port.role in rig.channels
+    }
+    return replace(rig, channels={**rig.channels, **told}), thin
 
 
-def _noise_left(
-    role: str, stated: float | None, before: Sequence[Recording], after: Sequence[Recording]
-) -> float | None:
-    """Sd of a decimated channel, if it was stated or the channel is rounded; otherwise it is estimated."""
-    pairs = [(a[role].values, b[role].values) for a, b in zip(before, after, strict=True) if role in a]
-    if not pairs or (stated is None and not all(grid(values) > 0.0 for values, _ in pairs)):
-        return None
-    left = [thinned_noise(stated or noise_sd(values), values, slow) for values, slow in pairs]
-    return float(np.sqrt(np.mean(np.square(left)))) or None
+def _decimated(c: ChannelMap, before: Sequence[Recording], after: Sequence[Recording]) -> ChannelMap:
+    """A channel with the noise that decimation leaves, if it was stated or estimated, or the channel is rounded."""
+    pairs = [(a[c.role].values, b[c.role].values) for a, b in zip(before, after, strict=True) if c.role in a]
+    if not pairs or (c.sd is None and not all(grid(values) > 0.0 for values, _ in pairs)):
+        return c
+    if c.sd is not None and c.colour is not None:
+        # What hides slow motion is as before; decimated, it is estimated less well.
+        sd, left = decimated_noise(c.sd, c.colour, max(round(len(pairs[0][0]) / len(pairs[0][1])), 1))
+        return replace(c, sd=sd, colour=left)
+    sds = [thinned_noise(c.sd or noise_sd(values), values, slow) for values, slow in pairs]
+    return replace(c, sd=float(np.sqrt(np.mean(np.square(sds)))) or None)
+
+
+def _coloured(c: ChannelMap, recordings: Sequence[Recording]) -> ChannelMap:
+    """A channel with the coloured noise that quiet stretches show where nothing states its noise, and else white noise.
+
+    Motion hides colour: recordings with phases of rest show it, also for the others. It is asked once, at the
+    recordings' own rate: after decimation fewer stretches are quiet.
+    """
+    values = [r[c.role].values for r in recordings if c.role in r]
+    seen = [(noise_sd(v), colour(v)) for v in (v[np.isfinite(v)] for v in values)]
+    rounded = any(grid(v) > sd for v, (sd, _) in zip(values, seen, strict=True))
+    if c.sd is not None or c.colour is not None or rounded:
+        return c
+    told = [(sd**2, information_factor(found)) for sd, found in seen if found > 0.0]
+    if not told:
+        return replace(c, colour=0.0)
+    square = float(np.mean([variance for variance, _ in told]))
+    factor = float(np.mean([variance * factor for variance, factor in told])) / square
+    return replace(c, sd=float(np.sqrt(square)), colour=colour_of_factor(factor))
 
 
 def measurement_noise(rig: Rig, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Sd of the measurement by role: as stated, else from neighbouring samples.
-
-    Coloured noise is hidden by motion; recordings with phases of rest show its colour, also for the others.
-    """
+    """Sd of the measurement by role: as stated, or told by quiet stretches, else from neighbouring samples."""
     found = {}
     for port in rig.model.outputs:
         stated = rig.channels[port.role].sd if port.role in rig.channels else None
         values = [r[port.role].values for r in recordings if port.role in r]
         if not values:
             continue
-        seen = [(noise_sd(v), colour(v) > 0.0) for v in (v[np.isfinite(v)] for v in values)]
-        coloured = [sd for sd, told in seen if told] or [sd for sd, _ in seen]
-        found[port.role] = float(stated or np.sqrt(np.mean(np.square(coloured))))
+        seen = [noise_sd(v[np.isfinite(v)]) for v in values]
+        found[port.role] = float(stated or np.sqrt(np.mean(np.square(seen))))
     return found
 
 

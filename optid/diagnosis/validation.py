@@ -27,6 +27,8 @@ from optid.estimation.fixed_gain import Residuals, cross_validated_residuals
 from optid.estimation.likelihood import huber
 from optid.estimation.multistep import window_starts
 from optid.estimation.problem import Integers, cut_into, window_index, window_means
+from optid.quality.noise import information_factor
+from optid.rigs.rigfile import Rig
 
 FOLDS, BLOCKS = 3, 2  # of the recordings, and blocks of each recording in a fold
 # Random signs: with two or three tests the smallest p-value is half the level of one effect of the whole catalogue.
@@ -41,14 +43,16 @@ class Validated:
     Attributes:
         squares: mean of each window and each output measured in them, by Huber's loss, in variances, (windows,
             outputs); NaN in a recording's first.
+        factors: variance of white noise that hides as much as each output's own, which may be coloured, (outputs,).
     """
 
     squares: Array
+    factors: Array | float = 1.0
 
     @property
     def windows(self) -> Array:
-        """Half the mean square of each window, all outputs together, (windows,)."""
-        return np.asarray(0.5 * np.nansum(self.squares, axis=1))
+        """Half the mean square of each window in variances of white noise, all outputs together, (windows,)."""
+        return np.asarray(0.5 * np.nansum(self.squares / self.factors, axis=1))
 
     @property
     def error_over_noise(self) -> float:
@@ -91,9 +95,17 @@ def _cross_validated(model: FittedModel, problem: DiagnosisProblem) -> Validated
     blocks = window_index(cut)
     # The first window of a recording has no past data: it is not a prediction.
     z[np.isin(cut.begins, q.problem.begins)[blocks]] = np.nan
-    squares = window_means(huber(z), blocks)
+    factors = np.array([_information_factor(q.rig, port.role) for port in q.model.outputs])
+    variances = model.fit.filtered.variances[0]
+    own = variances - q.measurement * (1.0 - 1.0 / factors)
+    squares = window_means(huber(z * np.sqrt(variances / own)), blocks)
     seen = np.isfinite(squares)
-    return Validated(squares[np.ix_(seen.any(axis=1), seen.any(axis=0))])
+    windows, outputs = seen.any(axis=1), seen.any(axis=0)
+    return Validated(squares[np.ix_(windows, outputs)], factors[outputs])
+
+
+def _information_factor(rig: Rig, role: str) -> float:
+    return information_factor((rig.channels[role].colour if role in rig.channels else None) or 0.0)
 
 
 def _folds(recording: Integers, time: Array, validation: Sequence[int]) -> Integers:

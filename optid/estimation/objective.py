@@ -11,7 +11,7 @@ from optid.core.model import Array, Model
 from optid.core.parameter import Parameter
 from optid.estimation.problem import Problem
 from optid.estimation.smoother import Objective
-from optid.quality.noise import colour, noise_sd
+from optid.quality.noise import colour, information_factor, noise_sd
 from optid.rigs.rigfile import Freed, Rig
 
 # Local error of the integration as a share of each state's usual size: 0.01 micrometre of position, and a cost
@@ -89,9 +89,10 @@ def _sd(rig: Rig, problem: Problem, output: int, role: str) -> float:
     y = y[np.isfinite(y)]
     if not len(y):
         return 1.0
-    stated = rig.channels[role].sd if role in rig.channels else None
+    channel = rig.channels.get(role)
+    stated = None if channel is None else channel.sd
     floor = 1e-6 * max(float(np.std(y)), 1e-12)
     found = stated or noise_sd(y)
     found = max(found, floor) if math.isfinite(found) else floor
-    c = colour(y)
-    return found * math.sqrt((1.0 + c) / (1.0 - c))
+    known = None if channel is None else channel.colour
+    return found * math.sqrt(information_factor(colour(y) if known is None else known))

@@ -162,6 +162,25 @@ def colour(values: Array) -> float:
     return found if sd > 0.5 * noise_sd(values) else 0.0
 
 
+def information_factor(colour: float) -> float:
+    """Variance of white noise that hides slow motion as noise of this colour and unit variance does."""
+    return (1.0 + colour) / (1.0 - colour)
+
+
+def colour_of_factor(factor: float) -> float:
+    """The inverse of `information_factor`."""
+    return (factor - 1.0) / (factor + 1.0)
+
+
+def decimated_noise(sd: float, colour: float, count: int) -> tuple[float, float]:
+    """Sd and colour of first-order noise of which a filter kept the slow part and every `count`-th sample.
+
+    What hides slow motion is what it was before, by `count` less samples.
+    """
+    left = colour**count
+    return sd * math.sqrt(information_factor(colour) / information_factor(left) / count), left
+
+
 def _left(stretches: Array) -> tuple[float, float, float]:
     """What curves leave of the quietest stretches: its correlation from sample to sample, its mean square sum, and the
     share of its variance that its own past does not foretell."""
