@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,11 @@ from optid.core.model import Array
 from optid.core.threads import parallel_map
 from optid.diagnosis.evaluation import open_variance
 from optid.diagnosis.fitted import FittedModel, alternate_horizons, fit_model, refit
-from optid.diagnosis.problem import DiagnosisProblem, Stage
+from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise
 from optid.diagnosis.validation import cross_validate
 from optid.errors import SolveError
 from optid.estimation.likelihood_point import LikelihoodProblem
-from optid.estimation.multistep import MultistepFit, fit_multistep, quiet_noise
+from optid.estimation.multistep import MultistepFit, fit_multistep, quiet_filter, quiet_noise
 from optid.rigs.rigfile import Freed
 
 
@@ -61,6 +62,32 @@ def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> Diagnos
     q = problem.likelihood_problem(problem.rig)
     noise = quiet_noise(q, model.fit.level)
     return replace(problem, open_variance=open_variance(q, model.p, noise, problem.window))
+
+
+def with_noise_left(
+    problem: DiagnosisProblem, base: FittedModel, search: DiagnosisProblem
+) -> DiagnosisProblem:
+    """The problem with the coloured noise that a base at the noise leaves: no motion hides its colour there.
+
+    The first window of a recording begins in a state that is not known yet and does not count.
+    """
+    coloured = [role for role, one in problem.rig.channels.items() if one.colour]
+    if not coloured or not is_at_noise(base, search):
+        return problem
+    q, channels = problem.likelihood_problem(problem.rig), dict(problem.rig.channels)
+    begins = np.repeat(q.problem.time[q.problem.begins], q.problem.counts + 1)
+    filtered = quiet_filter(q, base.p, base.fit.level)
+    if filtered is None:
+        return problem
+    left = np.where((q.problem.time - begins < problem.window)[:, None], math.nan, filtered.innovations[0])
+    for j, port in enumerate(q.model.outputs):
+        if port.role in coloured:
+            square = float(np.nanmean(left[:, j] ** 2))
+            correlation = float(np.nanmean(left[1:, j] * left[:-1, j])) / square
+            found = replace(channels[port.role], sd=math.sqrt(square), colour=max(correlation, 0.0))
+            channels[port.role] = found
+    rig = replace(problem.rig, channels=channels)
+    return replace(problem, rig=rig, noise=measurement_noise(rig, problem.train), _questions={})
 
 
 def at_full_rate(

@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import signal
 
 from optid.core.recording import Channel, Recording
-from optid.diagnosis.problem import prepare
+from optid.diagnosis import base_fit
+from optid.diagnosis.problem import DiagnosisProblem, measurement_noise, prepare
 from optid.diagnosis.validation import Validated, p_value
 from optid.estimation.objective import objective_of
 from optid.estimation.problem import build_problem
@@ -67,6 +69,29 @@ def test_a_fit_weighs_samples_by_what_was_told(rig):
     objective, _ = objective_of(own, (), build_problem(own.model, train, 0.5))
     weight = objective.weight[0, [port.role for port in own.model.outputs].index("position")]
     assert 1.0 / weight == pytest.approx(told.sd * np.sqrt(information_factor(told.colour)))
+
+
+@pytest.mark.parametrize("at_noise", [True, False])
+def test_a_base_at_the_noise_shows_its_colour_better_than_motion_does(rig, monkeypatch, at_noise):
+    own, train = prepare(rig, [recorded(COLOUR)])
+    problem = DiagnosisProblem(own, train, measurement_noise(own, train))
+    search = problem.at_search_accuracy()
+    outputs = [port.role for port in own.model.outputs]
+    left = np.full((1, SAMPLES, len(outputs)), np.nan)
+    left[0, :, outputs.index("position")] = train[0]["position"].values - motion(T)
+    monkeypatch.setattr(base_fit, "quiet_filter", lambda *at: SimpleNamespace(innovations=left))
+    base = SimpleNamespace(p=None, fit=SimpleNamespace(level=None))
+    monkeypatch.setattr(base_fit, "is_at_noise", lambda model, problem: at_noise)
+    told = base_fit.with_noise_left(problem, base, search)
+    channel, before = told.rig.channels["position"], own.channels["position"]
+    if not at_noise:
+        assert channel == before
+        return
+    assert told.noise["position"] == channel.sd
+    # As much slow motion is hidden as truly is, which motion had let look like more.
+    true = SD**2 * information_factor(COLOUR)
+    found, said = (one.sd**2 * information_factor(one.colour) for one in (channel, before))
+    assert 0.5 * true < found < 2.0 * true < said
 
 
 def test_white_noise_stays_white_and_a_stated_one_stays_stated(rig):
