@@ -64,11 +64,10 @@ def test_what_hides_slow_motion_is_the_same_after_decimation(rig):
 
 
 def test_a_fit_weighs_samples_by_what_was_told(rig):
-    own, train = prepare(rig, [recorded(COLOUR)])
-    told = own.channels["position"]
-    objective, _ = objective_of(own, (), build_problem(own.model, train, 0.5))
+    own = with_noise(rig, sd=SD, colour=0.3)  # not what these samples show
+    objective, _ = objective_of(own, (), build_problem(own.model, [recorded(COLOUR)], 0.5))
     weight = objective.weight[0, [port.role for port in own.model.outputs].index("position")]
-    assert 1.0 / weight == pytest.approx(told.sd * np.sqrt(information_factor(told.colour)))
+    assert 1.0 / weight == pytest.approx(SD * np.sqrt(information_factor(0.3)))
 
 
 @pytest.mark.parametrize("at_noise", [True, False])
