@@ -81,11 +81,13 @@ def with_noise_left(
         return problem
     left = np.where((q.problem.time - begins < problem.window)[:, None], math.nan, filtered.innovations[0])
     for j, port in enumerate(q.model.outputs):
-        if port.role in coloured:
-            square = float(np.nanmean(left[:, j] ** 2))
-            correlation = float(np.nanmean(left[1:, j] * left[:-1, j])) / square
-            found = replace(channels[port.role], sd=math.sqrt(square), colour=max(correlation, 0.0))
-            channels[port.role] = found
+        known = left[np.isfinite(left[:, j]), j]  # a sensor slower than the log has no value at most samples
+        if port.role in coloured and known.any():
+            square = float(np.mean(known**2))
+            correlation = float(np.mean(known[1:] * known[:-1])) / square
+            channels[port.role] = replace(
+                channels[port.role], sd=math.sqrt(square), colour=max(correlation, 0.0)
+            )
     rig = replace(problem.rig, channels=channels)
     return replace(problem, rig=rig, noise=measurement_noise(rig, problem.train), _questions={})
 

@@ -93,6 +93,20 @@ def test_a_base_at_the_noise_shows_its_colour_better_than_motion_does(rig, monke
     assert 0.5 * true < found < 2.0 * true < said
 
 
+def test_a_slow_sensor_in_a_faster_log_keeps_its_noise(rig, monkeypatch):
+    """Between its values there are none: no two neighbours are known."""
+    own, train = prepare(with_noise(rig, sd=2.0 * SD, colour=0.3), [recorded(0.0)])
+    problem = DiagnosisProblem(own, train, measurement_noise(own, train))
+    outputs = [port.role for port in own.model.outputs]
+    left = np.full((1, SAMPLES, len(outputs)), np.nan)
+    left[0, ::4, outputs.index("position")] = (train[0]["position"].values - motion(T))[::4]
+    monkeypatch.setattr(base_fit, "is_at_noise", lambda model, problem: True)
+    monkeypatch.setattr(base_fit, "quiet_filter", lambda *at: SimpleNamespace(innovations=left))
+    base = SimpleNamespace(p=None, fit=SimpleNamespace(level=None))
+    told = base_fit.with_noise_left(problem, base, problem).rig.channels["position"]
+    assert told.sd == pytest.approx(SD, rel=0.1) and 0.0 <= told.colour < 0.1
+
+
 def test_white_noise_stays_white_and_a_stated_one_stays_stated(rig):
     own, train = prepare(rig, [recorded(0.0)])
     assert own.channels["position"].sd is None and own.channels["position"].colour == 0.0
