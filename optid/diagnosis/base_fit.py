@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import median_abs_deviation
 
 from optid.core.model import Array
 from optid.core.threads import parallel_map
@@ -14,8 +15,10 @@ from optid.diagnosis.fitted import FittedModel, alternate_horizons, fit_model, r
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise
 from optid.diagnosis.validation import cross_validate
 from optid.errors import SolveError
+from optid.estimation.likelihood import huber_weight
 from optid.estimation.likelihood_point import LikelihoodProblem
 from optid.estimation.multistep import MultistepFit, fit_multistep, quiet_filter, quiet_noise
+from optid.quality.noise import MOTION
 from optid.rigs.rigfile import Freed
 
 
@@ -82,12 +85,14 @@ def with_noise_left(
     left = np.where((q.problem.time - begins < problem.window)[:, None], math.nan, filtered.innovations[0])
     for j, port in enumerate(q.model.outputs):
         known = left[np.isfinite(left[:, j]), j]  # a sensor slower than the log has no value at most samples
-        if port.role in coloured and known.any():
-            square = float(np.mean(known**2))
-            correlation = float(np.mean(known[1:] * known[:-1])) / square
-            channels[port.role] = replace(
-                channels[port.role], sd=math.sqrt(square), colour=max(correlation, 0.0)
-            )
+        rough = float(median_abs_deviation(known, scale="normal")) if port.role in coloured else 0.0
+        if not rough > 0.0:
+            continue
+        known = known * huber_weight(known / rough)
+        square = float(np.mean(known**2))
+        found = max(float(np.mean(known[1:] * known[:-1])) / square, 0.0)
+        if found < MOTION:
+            channels[port.role] = replace(channels[port.role], sd=math.sqrt(square), colour=found)
     rig = replace(problem.rig, channels=channels)
     return replace(problem, rig=rig, noise=measurement_noise(rig, problem.train), _questions={})
 

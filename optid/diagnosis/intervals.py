@@ -119,11 +119,8 @@ def _left_to_go(answer: LikelihoodFit, fixed: Booleans) -> Array:
 
 def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     """Of the free parameters in typical sizes, (free, free), where some of them, (free,), are known."""
-    q, scores, moved = (
-        answer.likelihood_problem,
-        Scores.of(answer.filtered, answer.slopes),
-        _moved(answer, fixed),
-    )
+    q, moved = answer.likelihood_problem, _moved(answer, fixed)
+    scores = Scores.of(answer.filtered, answer.slopes)
     inverse = np.zeros_like(answer.information)
     inverse[np.ix_(moved, moved)] = _inverse(answer.information[np.ix_(moved, moved)])
     length = window_seconds(float(np.median(q.problem.dt)), float(np.ptp(q.problem.time)))

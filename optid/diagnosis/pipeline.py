@@ -158,11 +158,8 @@ def _refine_and_test(
     found: SearchResult, answer: FittedModel, unseal: Callable[[], Sequence[Recording]]
 ) -> TestedResult:
     """The answer of a search, refined on all samples and tested on the recordings held out."""
-    path, problem, last = (
-        found.path,
-        found.problem,
-        partial(final_fit, search=found.search, problem=found.problem),
-    )
+    path, problem = found.path, found.problem
+    last = partial(final_fit, search=found.search, problem=problem)
     fitted = last(path.base)
     best = refine(fitted if answer is path.base else last(answer), problem)
     plain = best if answer is path.base else with_information(fitted)

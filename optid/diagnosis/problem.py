@@ -155,10 +155,11 @@ def _coloured(c: ChannelMap, recordings: Sequence[Recording]) -> ChannelMap:
     Motion hides colour: recordings with phases of rest show it, also for the others. It is asked once, at the
     recordings' own rate: after decimation fewer stretches are quiet.
     """
+    if c.sd is not None or c.colour is not None:
+        return c
     values = [r[c.role].values for r in recordings if c.role in r]
     seen = [(noise_sd(v), colour(v)) for v in (v[np.isfinite(v)] for v in values)]
-    rounded = any(grid(v) > sd for v, (sd, _) in zip(values, seen, strict=True))
-    if c.sd is not None or c.colour is not None or rounded:
+    if any(grid(v) > sd for v, (sd, _) in zip(values, seen, strict=True)):  # mostly rounding
         return c
     told = [(sd**2, information_factor(found)) for sd, found in seen if found > 0.0]
     if not told:

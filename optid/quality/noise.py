@@ -21,7 +21,7 @@ _MEMORY = 8  # samples from which the next one is predicted
 _ANNIHILATED = 8
 _PER_WEIGHT = 20  # samples for each of its weights, and in each half
 _WHITE = 0.1  # four standard deviations of the estimate from 8 s of white noise at 1 kHz
-_MOTION = 0.93  # a longer memory is motion that the curves did not follow
+MOTION = 0.93  # a longer memory is motion that the curves did not follow
 _FORETOLD = 0.5  # of the variance: what can be predicted better is motion; a quarter of coloured noise can be predicted
 _HIDDEN = 0.25  # of a step: larger noise changes levels even at rest
 _MANY = 500  # differences in fast motion: if there are fewer, they are mostly impacts
@@ -148,7 +148,7 @@ def quietest(values: Array) -> tuple[float, float]:
     if surprise < 1.0 - _FORETOLD:
         return 0.0, 0.0
     colour = float(np.interp(correlation, known[:, 0], _COLOURS))
-    if not _WHITE < colour < _MOTION:
+    if not _WHITE < colour < MOTION:
         colour = 0.0
     return math.sqrt(power / float(np.interp(colour, _COLOURS, known[:, 1]))), colour
 

@@ -122,3 +122,26 @@ def test_errors_are_compared_with_the_noise_and_gains_with_what_it_hides():
     assert coloured.windows == pytest.approx(white.windows / 9.0)
     p = [p_value(one.windows, after / factor, True) for one, factor in ((white, 1.0), (coloured, 9.0))]
     assert p[0] < p[1]
+
+
+@pytest.mark.parametrize(("fault", "kept"), [("outliers", False), ("drift", True)])
+def test_neither_outliers_nor_slow_errors_pass_for_noise(rig, monkeypatch, fault, kept):
+    own, train = prepare(rig, [recorded(COLOUR)])
+    problem = DiagnosisProblem(own, train, measurement_noise(own, train))
+    outputs = [port.role for port in own.model.outputs]
+    noise = train[0]["position"].values - motion(T)
+    noise = (
+        noise + np.where(np.arange(SAMPLES) % 500 == 7, 1.0, 0.0)
+        if fault == "outliers"
+        else 50.0 * SD * np.sin(T)
+    )
+    left = np.full((1, SAMPLES, len(outputs)), np.nan)
+    left[0, :, outputs.index("position")] = noise
+    monkeypatch.setattr(base_fit, "is_at_noise", lambda model, problem: True)
+    monkeypatch.setattr(base_fit, "quiet_filter", lambda *at: SimpleNamespace(innovations=left))
+    base = SimpleNamespace(p=None, fit=SimpleNamespace(level=None))
+    told = base_fit.with_noise_left(problem, base, problem).rig.channels["position"]
+    if kept:
+        assert told == own.channels["position"]
+    else:
+        assert told.sd == pytest.approx(SD, rel=0.15) and told.colour == pytest.approx(COLOUR, abs=0.1)

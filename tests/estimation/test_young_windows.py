@@ -28,20 +28,22 @@ def axis():
 def moving(rig, seed):
     rng = np.random.default_rng(seed)
     command = np.repeat(rng.uniform(-0.25, 0.25, SAMPLES // 100 + 1), 100)[:SAMPLES]
+    return recorded(rig, command, INTERVAL, SD, rng, 0.3)
+
+
+def recorded(rig, command, interval, sd, rng, aside):
+    """The axis under a command, from chambers up to a share `aside` of their usual pressures."""
     p = rig.model.vector(rig.parameters)
     start = np.array(rig.model.start(p)[0]).ravel()
     names = [state.name for state in rig.model.states]
-    start[[names.index("pressure_a"), names.index("pressure_b")]] *= 1 + rng.uniform(-0.3, 0.3, 2)
-    run = simulate(rig.model, p, start, np.full(SAMPLES - 1, INTERVAL), command[:, None])
-    position = run.outputs[0][:, 0] + rng.normal(0.0, SD, SAMPLES)
-    return Recording(
-        "moving.csv",
-        np.arange(SAMPLES) * INTERVAL,
-        {
-            "command": Channel("command", "u", "1", command, held=True),
-            "position": Channel("position", "x", "m", position, sd=SD),
-        },
-    )
+    start[[names.index("pressure_a"), names.index("pressure_b")]] *= 1 + rng.uniform(-aside, aside, 2)
+    run = simulate(rig.model, p, start, np.full(len(command) - 1, interval), command[:, None])
+    position = run.outputs[0][:, 0] + rng.normal(0.0, sd, len(command))
+    channels = {
+        "command": Channel("command", "u", "1", command, held=True),
+        "position": Channel("position", "x", "m", position, sd=sd),
+    }
+    return Recording("axis.csv", np.arange(len(command)) * interval, channels)
 
 
 # The guess alone loses the first two of 5 and 32, the likeliest start alone those of 32; 9 rests on its stop, with both
@@ -88,20 +90,7 @@ def breaking_away(rig, seed):
     t = np.arange(samples) * interval
     height, direction = rng.uniform(0.02, 0.06), rng.choice([-1, 1])
     command = height * direction * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * t)
-    p = rig.model.vector(rig.parameters)
-    start = np.array(rig.model.start(p)[0]).ravel()
-    names = [state.name for state in rig.model.states]
-    start[[names.index("pressure_a"), names.index("pressure_b")]] *= 1 + rng.uniform(-0.1, 0.1, 2)
-    run = simulate(rig.model, p, start, np.full(samples - 1, interval), command[:, None])
-    position = run.outputs[0][:, 0] + rng.normal(0.0, sd, samples)
-    return Recording(
-        "breaking_away.csv",
-        t,
-        {
-            "command": Channel("command", "u", "1", command, held=True),
-            "position": Channel("position", "x", "m", position, sd=sd),
-        },
-    )
+    return recorded(rig, command, interval, sd, rng, 0.1)
 
 
 # When the axis breaks away tells the pressures at rest; a descent with little damping ends beside it, at an error of
