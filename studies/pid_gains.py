@@ -7,12 +7,14 @@ The paper's figures 13 to 16 are in paper_gains.py. Of each rig 8 s are recorded
 user would. All gains are then judged by studies/independent_rig/judge.py: steps of 20, 60, -40, 80, -80, 10 and -20 mm
 about mid-stroke, 2.5 s each, 0.03 mm of position noise, +-5 V, five seeds; ITAE of the true position over the step's
 size, and its peak to peak over the last half second.
-The oracle is a long global search over kp, ki and kd on the rig itself and the same seeds, with a
-derivative filter of 2 ms (--oracle, four minutes of a core a rig; else the gains found by it are taken). It knows the
-very noise that it is judged by, so its figure flatters it: "fresh" are seeds that nobody has seen. A tuning may choose
-its filter, and so can beat it. Where an axis comes to rest depends on the step's size as if by chance, and the oracle
-knows these seven: "others" are twelve sets of sizes down to three quarters of them, which show what gains are worth
-when nobody knows the sizes; on the plain rig the oracle's own cost rises there by 40 per cent.
+The oracle is a long global search over kp, ki and kd on the rig itself and the same seeds, with a derivative filter of
+2 ms (--oracle, four minutes of a core a rig; else the gains found by it are taken). It knows the very noise that it is
+judged by, so its figure flatters it: "fresh" are seeds that nobody has seen. A tuning may choose its filter, and so can
+beat it. Where an axis comes to rest depends on the step's size as if by chance, and the oracle knows these seven:
+"others" are twelve sets of sizes down to three quarters of them, which show what gains are worth when nobody knows the
+sizes; on the plain rig the oracle's own cost rises there by 40 per cent. "oracle, blind" (twenty minutes) is the same
+search on the rig itself where it knows neither these steps nor this noise, but others like them: what gains can be
+worth to somebody who does not know the steps in advance.
 
 --reuse takes the recording, the model and the fit of an earlier run in DIR. Beside the three rigs there are "heavy"
 (5 kg, little friction) and "small" (32 mm bore, break-away, an overlapped valve): the ranges of
@@ -29,7 +31,7 @@ import math
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +41,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the studies are no package: find their neighbours from any folder
 
 from studies.independent_rig import Rig, recording, simulate  # noqa: E402
-from studies.independent_rig.judge import SIZES, Judge, oracle  # noqa: E402
+from studies.independent_rig.judge import FILTER, SIZES, Judge, oracle  # noqa: E402
 from studies.make_recording import BENCH  # noqa: E402
 from studies.references import mixed  # noqa: E402
 from studies.robustness import RIGS as WORN  # noqa: E402
@@ -81,6 +83,10 @@ ORACLES: dict[str, tuple[float, float, float]] = {
     "heavy": (35.2745556, 0.289633635, 0.924306593),
     "small": (133.978159, 4.08378854e-02, 6.10626103),
 }
+BLIND: dict[str, tuple[float, float, float]] = {
+    "plain": (144.904288, 1.49597844, 3.18627518),
+}
+KNOWN = {"oracle": ORACLES, "oracle, blind": BLIND}
 HUNTS = 1e-4  # m
 FRESH = (10, 11, 12, 13, 14)  # seeds that no search has seen
 OTHERS, SHORTEST = 12, 0.75  # sets of sizes drawn between this share of the steps and all of them
@@ -108,9 +114,9 @@ def main() -> int:
             began = math.nan
         seconds = tuned(folder)
         review = time.perf_counter() - began - seconds["alone"]
-        best: Sequence[float] | None = ORACLES.get(name)
+        best = {key: each[name] for key, each in KNOWN.items() if name in each}
         if arguments.oracle:
-            best = oracle(rig, np.random.default_rng(SEED), print)[0][:3].tolist()
+            best = {key: searched(rig, key == "oracle, blind") for key in KNOWN}
         table = judged(rig, candidates(folder, best))
         table.to_csv(folder / "gains.csv", index=False)
         print(
@@ -164,11 +170,15 @@ def call(*arguments: object) -> None:
         raise SystemExit(f"optid {' '.join(map(str, arguments))}: {done.stderr or done.stdout}")
 
 
-def candidates(folder: Path, best: Sequence[float] | None) -> dict[str, tuple[float, ...]]:
-    """Gains by name, six each, as the judge takes them."""
-    found: dict[str, tuple[float, ...]] = {}
-    if best is not None:
-        found["oracle"] = (*best, 2e-3, 1.0, 0.0)
+def searched(rig: Rig, blind: bool) -> tuple[float, float, float]:
+    """kp, ki and kd of an oracle."""
+    kp, ki, kd, *_ = oracle(rig, np.random.default_rng(SEED), print, blind)[0].tolist()
+    return kp, ki, kd
+
+
+def candidates(folder: Path, best: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """Gains by name, six each, as the judge takes them; those of the oracles first."""
+    found: dict[str, tuple[float, ...]] = {key: (*gains, FILTER, 1.0, 0.0) for key, gains in best.items()}
     for name in ("with_rig", "alone"):
         content = json.loads((folder / name / "pid.json").read_text())
         found[f"tuned, {name}"] = six(content["gains"])
@@ -215,7 +225,7 @@ def judged(rig: Rig, gains: dict[str, tuple[float, ...]]) -> pd.DataFrame:
 def said_wrong(table: pd.DataFrame) -> bool:
     """Whether a baseline is better, or tuned gains hunt; said loudly."""
     tuned = table[table["gains"].str.startswith("tuned")]
-    rules = table[~table["gains"].str.startswith("tuned") & (table["gains"] != "oracle")]
+    rules = table[~table["gains"].str.startswith(("tuned", "oracle"))]
     wrong = False
     for _, one in tuned.iterrows():
         better = rules[rules["fresh"] < one["fresh"]]

@@ -23,6 +23,9 @@ from optid.estimation.problem import Integers, Problem
 from optid.estimation.result import Outcome
 from optid.estimation.smoother import PASSING, Objective, Point, Terms, Watch, descend, evaluate, priced
 
+LONG = (
+    400  # iterations: a friction that breaks away at other times makes the cost rough, and the way down long
+)
 ROUNDS = 3  # of the start's weight, which follows from the misfit
 LOOSE = LEVELS[:4]  # process noise of the windows from which a second start comes
 EXPLAINED = 2.0  # error over noise up to which none is needed
@@ -98,7 +101,9 @@ def output_error(o: Objective, at: Point, q: Array, precision: float, watch: Wat
     for left in reversed(range(ROUNDS)):
         whole = _measured_start(whole, ratio)
         enough = precision if left == 0 else PASSING
-        here, terms, settled = descend(whole, here, q, precision=enough, terms=terms, watch=watch)
+        here, terms, settled = descend(
+            whole, here, q, precision=enough, iterations=LONG, terms=terms, watch=watch
+        )
         ratio = _error_over_noise(terms)
         if not settled:
             break

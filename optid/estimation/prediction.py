@@ -93,7 +93,11 @@ def predict(
             whole = np.full(len(recording), np.nan)
             whole[rows] = np.where(np.isfinite(predicted[:, j]), predicted[:, j], np.nan)
             frame[f"{port.role}_{kind}"] = whole
-            scores[kind][port.role] = Score.of(y, whole, port.unit)
+            # What a free run that diverges shows until then is not its error.
+            diverged = kind == "free_run" and not np.isfinite(predicted[:, j]).all()
+            scores[kind][port.role] = Score.of(
+                y, np.full_like(whole, np.nan) if diverged else whole, port.unit
+            )
         notes += _not_finite(port.role, problem, free_run[:, j], windows[:, j])
     return Prediction(pd.DataFrame(frame), scores, length, begins, tuple(notes))
 
@@ -121,9 +125,7 @@ def _not_finite(role: str, problem: Problem, free_run: Array, windows: Array) ->
     lost = ~np.isfinite(free_run)
     if lost.any():
         at = problem.time[int(lost.argmax())]
-        notes.append(
-            f"the free run of {role} is not finite from {at:.6g} s on: its scores count only what comes before"
-        )
+        notes.append(f"the free run of {role} is not finite from {at:.6g} s on: it has no score")
     heads = np.r_[True, problem.closed[:-1]]
     begins, counts = problem.begins[~heads], problem.counts[~heads]
     failed = [

@@ -1,16 +1,18 @@
 """The closed loop, compiled: the rig's own controller around the identified model, limits and all.
 
-Candidates run four at a time through the same samples: their long chains of dependent operations overlap.
+Candidates run several at a time through the same samples (`optid.tuning.sample`), one in each lane of a register.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from optid.core.kernel import at, call
+from optid.core.llvm_simd import LANES
 from optid.core.model import Array
 from optid.core.threads import parallel_for
 from optid.errors import InputError
@@ -19,9 +21,21 @@ from optid.pid.pid_step import GAINS, MEMORY, law
 from optid.tuning.criterion import Criterion
 from optid.tuning.machine import compiled
 from optid.tuning.plant import Plant
+from optid.tuning.sample import (
+    HIGHEST,
+    LOAD,
+    LOWEST,
+    MEASURE,
+    NOISE,
+    OVERSHOOT,
+    REFERENCE,
+    SUMS,
+    TRAVEL,
+    beginning,
+    loops_code,
+)
 from optid.tuning.scenarios import Episode
 
-LANES = 4
 HUNTING = 3  # place of the hunting among the parts of a cost
 # Of a cost: the measure, travel of the command in units of its range, overshoot as a share of the step, and the
 # output's peak to peak while it should be at rest.
@@ -63,37 +77,51 @@ class ClosedLoop:
                 expected="a controller that runs at the model's sample time",
                 hint="identify the model at the rate the controller will run at",
             )
-        order = max(plant.a.size for plant in self.plants)
-        stack = {
-            "A": _padded([plant.a for plant in self.plants], order),
-            "B": _padded([plant.b for plant in self.plants], order),
-            "R": np.array([e.reference for e in self.episodes]),
-            "D": np.array([e.load for e in self.episodes]),
-            "O": np.array([e.rise for e in self.episodes]),
-            "N": np.array([e.noise for e in self.episodes]),
-            "S": np.array([float(e.rest) for e in self.episodes]),
-            "Z": np.array([plant.dead_zone for plant in self.plants]),
-            "W": np.array([self.criterion.measure.weights(e.clock, own) for e in self.episodes]),
-        }
-        for name, values in stack.items():
-            object.__setattr__(self, f"_{name}", np.ascontiguousarray(values))
 
     @property
-    def arrays(self) -> tuple[Array, ...]:
-        """A, B (plants, order), Z (plants, 2), R, D, W, O, N (episodes, samples), S (episodes,): for the loop."""
-        return tuple(getattr(self, f"_{name}") for name in "ABZRDWONS")
+    def order(self) -> int:
+        """Of the plants, padded to the largest."""
+        return max(plant.a.size for plant in self.plants)
+
+    @property
+    def square(self) -> bool:
+        """Whether the measure squares the error."""
+        return self.criterion.measure.power == 2
+
+    @cached_property
+    def plant_rows(self) -> Array:
+        """Each plant as `optid.tuning.sample` takes it, (plants, 2 order + 2)."""
+        pad = self.order
+        rows = [np.r_[_padded(p.a, pad), _padded(p.b, pad), p.dead_zone] for p in self.plants]
+        return np.array(rows)
+
+    @cached_property
+    def episode_rows(self) -> Array:
+        """Each episode as `optid.tuning.sample` takes it, (episodes, ROWS, samples)."""
+        return np.array([self._rows(episode) for episode in self.episodes])
+
+    def _rows(self, one: Episode) -> Array:
+        """An episode as the rows of `optid.tuning.sample`, (ROWS, samples)."""
+        n, T = one.reference.size, self.plants[0].sample_time
+        weight = self.criterion.measure.weights(one.clock, T)
+        restless = np.where(np.arange(n) < one.rest, np.inf, 0.0)
+        return np.array([one.reference, one.load, weight, np.full(n, one.rise), one.noise, restless])
 
     def parts(self, gains: Array) -> Array:
         """Parts of the cost of gains (candidates, GAINS): shape (candidates, plants, episodes, PARTS)."""
         gains = np.atleast_2d(gains)
+        code = loops_code(self.order, self.square, tuple(self.settings.tolist()))
+        start = beginning(self.order, min(max(0.0, self.settings[1]), self.settings[2]), LANES)
         out = np.empty((len(gains), len(self.plants), len(self.episodes), PARTS))
-        square, size = self.criterion.measure.power == 2, 1.0 / self.command_size
 
         def run(first: int, last: int) -> None:
-            start, stop = LANES * first, min(LANES * last, len(gains))
-            _batch(gains, self.settings, self.arrays, square, size, start, stop, out)
+            begin, end = LANES * first, min(LANES * last, len(gains))
+            rows = self.plant_rows, self.settings, self.episode_rows
+            _batch(code.place, gains, rows, start, begin, end, out)
 
-        parallel_for(-(-len(gains) // LANES), run)
+        with np.errstate(invalid="ignore", over="ignore"):
+            parallel_for(-(-len(gains) // LANES), run)
+        out[..., 1] /= self.command_size
         return out
 
     def costs(self, gains: Array) -> Array:
@@ -127,82 +155,39 @@ class ClosedLoop:
 
     def trace(self, gains: Array, plant: int = 0, episode: int = 0) -> tuple[Array, Array]:
         """Output and command at every sample, each of shape (samples,); NaN once the output has diverged."""
-        A, B, Z, R, D, _, _, N, _ = self.arrays
-        y, u = np.empty(R.shape[1]), np.empty(R.shape[1])
-        one = R[episode], D[episode], N[episode]
-        _trace(np.r_[gains, self.settings], A[plant], B[plant], Z[plant], one, y, u)
+        row, order = self.plant_rows[plant], self.order
+        samples = self.episode_rows.shape[2]
+        y, u = np.empty(samples), np.empty(samples)
+        given = row[:order], row[order : 2 * order], row[2 * order :]
+        _trace(np.r_[gains, self.settings], *given, self.episode_rows[episode], y, u)
         return y, u
 
 
-def _padded(rows: Sequence[Array], size: int) -> Array:
-    return np.array([np.pad(row, (0, size - row.size)) for row in rows])
+def _padded(row: Array, size: int) -> Array:
+    return np.pad(row, (0, size - row.size))
 
 
 @compiled
-def _batch(
-    gains: Any, settings: Any, arrays: Any, square: Any, size: Any, first: Any, last: Any, out: Any
-) -> None:
+def _batch(place: Any, gains: Any, rows: Any, start: Any, first: Any, last: Any, out: Any) -> None:
     """Candidates first..last-1; the lanes left over at the end repeat the last one."""
-    A, B, Z, R, D, W, rise, N, rest_from = arrays
-    s = np.empty((GAINS + settings.size, LANES))
-    m, z, parts = np.empty((MEMORY, LANES)), np.empty((A.shape[1] + 1, LANES)), np.empty((PARTS, LANES))
-    low, high = np.empty(LANES), np.empty(LANES)
-    rest = min(max(0.0, settings[1]), settings[2])
+    plants, settings, episodes = rows
+    samples, sums = episodes.shape[2], start.shape[0] - SUMS
+    x, g = np.empty_like(start), np.empty((GAINS, LANES))
     for group in range(first, last, LANES):
         for lane in range(LANES):
-            g = min(group + lane, last - 1)
             for i in range(GAINS):
-                s[i, lane] = gains[g, i]
-            for i in range(settings.size):
-                s[GAINS + i, lane] = settings[i]
-        for k in range(A.shape[0]):
-            for e in range(R.shape[0]):
-                m[:] = 0.0
-                m[_LAST] = rest
-                z[:] = 0.0
-                parts[:] = 0.0
-                low[:], high[:] = np.inf, -np.inf
-                one = R[e], D[e], W[e], rise[e], N[e]
-                _lanes(s, A[k], B[k], Z[k], one, rest_from[e], square, m, z, parts, low, high)
+                g[i, lane] = gains[min(group + lane, last - 1), i]
+        for k in range(plants.shape[0]):
+            for e in range(episodes.shape[0]):
+                x[:] = start
+                called = (at(x, 0), at(g, 0), at(plants[k], 0), at(settings, 0), at(episodes[e], 0))
+                call(place, (*called, float(samples)))
                 for lane in range(min(LANES, last - group)):
-                    out[group + lane, k, e, 0] = parts[0, lane]
-                    out[group + lane, k, e, 1] = parts[1, lane] * size
-                    out[group + lane, k, e, 2] = parts[2, lane]
-                    out[group + lane, k, e, HUNTING] = max(high[lane] - low[lane], 0.0)
-
-
-@compiled
-def _lanes(
-    s: Any,
-    a: Any,
-    b: Any,
-    dead: Any,
-    episode: Any,
-    rest: Any,
-    square: Any,
-    m: Any,
-    z: Any,
-    parts: Any,
-    low: Any,
-    high: Any,
-) -> None:
-    """One episode of one plant: z is the plant's memory in transposed direct form, one sample ahead."""
-    reference, load, weight, rise, noise = episode
-    order = a.size
-    for n in range(reference.size):
-        r, d, w, o = reference[n], load[n], weight[n], rise[n]
-        for lane in range(LANES):
-            y, before = z[0, lane], m[_LAST, lane]
-            u = law(s[:, lane], m[:, lane], r, y + noise[n])
-            error = abs(r - y)
-            parts[0, lane] += w * (error * error if square else error)
-            parts[1, lane] += abs(u - before)
-            parts[2, lane] = max(parts[2, lane], (y - r) * o)
-            if n >= rest:
-                low[lane], high[lane] = min(low[lane], y), max(high[lane], y)
-            x = passed(u + d, dead)
-            for i in range(order):
-                z[i, lane] = z[i + 1, lane] + b[i] * x - a[i] * y
+                    one = out[group + lane, k, e]
+                    one[0] = x[sums + MEASURE, lane]
+                    one[1] = x[sums + TRAVEL, lane]
+                    one[2] = x[sums + OVERSHOOT, lane]
+                    one[HUNTING] = max(x[sums + HIGHEST, lane] - x[sums + LOWEST, lane], 0.0)
 
 
 @compiled
@@ -213,7 +198,7 @@ def passed(command: Any, dead: Any) -> Any:
 
 @compiled
 def _trace(s: Any, a: Any, b: Any, dead: Any, episode: Any, y: Any, u: Any) -> None:
-    reference, load, noise = episode
+    reference, load, noise = episode[REFERENCE], episode[LOAD], episode[NOISE]
     m, z = np.zeros(MEMORY), np.zeros(a.size + 1)
     m[_LAST] = min(max(0.0, s[GAINS + 1]), s[GAINS + 2])
     bound = ESCAPED * (np.max(np.abs(reference)) + np.max(np.abs(load)))

@@ -8,5 +8,5 @@ from typing import TypeVar
 from optid.core.jit_cache import kept
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
-# No fused or reordered arithmetic: the optimised loop is bit-identical to the exported controller.
+# No fused or reordered arithmetic: a traced loop is bit-identical to the exported controller.
 compiled: Callable[[Kernel], Kernel] = kept(error_model="numpy", nogil=True)

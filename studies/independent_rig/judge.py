@@ -118,25 +118,41 @@ NO_INTEGRAL = 5e-3  # ki below which there is none
 COARSE = 5e-4  # s, integration step of the search: costs differ by 0.3 % from those at 0.25 ms
 # Points, generations, ends followed, their distance (logarithm).
 SCREENED, EVOLVED, VALLEYS, APART = 1024, 40, 4, 0.25
+SETS, SHORTEST = (
+    24,
+    0.75,
+)  # sets of sizes between this share of the steps and all of them, where sizes are not known
+UNKNOWN = 1000  # first seed of those sets' noise
+
+Cost = Callable[[Sequence[float]], float]
 
 
 def oracle(
-    rig: Rig, rng: np.random.Generator, said: Callable[[str], None] = lambda text: None
+    rig: Rig, rng: np.random.Generator, said: Callable[[str], None] = lambda text: None, blind: bool = False
 ) -> tuple[Array, float]:
     """The best kp, ki, kd that a long global search finds on the rig itself: gains (6,), cost.
 
     Points that fill the box (Sobol), differential evolution from the best of them over the logarithms, on all steps
     and one seed; the simplex search from the best valleys on all steps and seeds, twice from the best end.
+
+    Args:
+        rig: of the independent simulation.
+        rng: source of everything random.
+        said: receives the progress.
+        blind: whether it knows neither the steps nor the noise that it will be judged by, but others like them.
     """
     from scipy.optimize import differential_evolution
     from scipy.stats import qmc
 
-    rough, fine = Judge(rig, seeds=(0,), step=COARSE), Judge(rig, step=COARSE)
+    if blind:
+        rough, fine = _other_steps(rig, 2), _other_steps(rig, SETS)
+    else:
+        rough, fine = Judge(rig, seeds=(0,), step=COARSE).cost, Judge(rig, step=COARSE).cost
     bounds = np.log(BOUNDS)
     seen: list[tuple[float, Array]] = []
 
     def first(point: Array) -> float:
-        seen.append((rough.cost(_oracle_gains(point)), point.copy()))
+        seen.append((rough(_oracle_gains(point)), point.copy()))
         return seen[-1][0]
 
     points = bounds[:, 0] + np.ptp(bounds, axis=1) * qmc.Sobol(3, rng=rng).random(SCREENED)
@@ -162,15 +178,23 @@ def oracle(
     return np.array(gains), Judge(rig).cost(gains)
 
 
+def _other_steps(rig: Rig, count: int) -> Cost:
+    """The mean cost over sets of shortened steps, each with noise of its own."""
+    rng = np.random.default_rng(UNKNOWN)
+    sizes = rng.uniform(SHORTEST, 1.0, (count, len(SIZES))) * SIZES
+    judges = [Judge(rig, tuple(one), (UNKNOWN + k,), COARSE) for k, one in enumerate(sizes)]
+    return lambda gains: float(np.mean([judge.cost(gains) for judge in judges]))
+
+
 def _oracle_gains(point: Array) -> tuple[float, ...]:
     kp, ki, kd = (float(g) for g in np.exp(point))
     return kp, ki if ki > NO_INTEGRAL else 0.0, kd, FILTER, 1.0, 0.0
 
 
-def _simplex(judge: Judge, start: Array, side: float, most: int) -> tuple[float, Array]:
+def _simplex(cost: Cost, start: Array, side: float, most: int) -> tuple[float, Array]:
     from scipy.optimize import minimize
 
     begin = np.vstack([start, start + side * np.eye(len(start))])
     options = {"maxfev": most, "initial_simplex": begin}
-    found = minimize(lambda p: judge.cost(_oracle_gains(p)), start, method="Nelder-Mead", options=options)
+    found = minimize(lambda p: cost(_oracle_gains(p)), start, method="Nelder-Mead", options=options)
     return float(found.fun), np.asarray(found.x)

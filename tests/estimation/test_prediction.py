@@ -126,6 +126,7 @@ def test_a_prediction_that_leaves_the_numbers_is_said_with_its_time(cart):
     runaway = {**cart.parameters, "drag": -2000.0}
     found = predict(cart, recording(np.random.default_rng(8), seconds=4.0), runaway)
     assert "free run of position is not finite from" in " ".join(found.notes)
+    assert np.isnan(found.scores["free_run"]["position"].rmse)  # and not that of the few samples before
     assert not np.isinf(found.frame["position_free_run"].to_numpy()).any()
 
 

@@ -6,15 +6,18 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from optid.core.llvm_simd import LANES
 from optid.errors import InputError
-from optid.pid.controller import Controller, Gains, Settings
+from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 from optid.pid.pid_step import GAINS, MEMORY
 from optid.tuning.criterion import Criterion
-from optid.tuning.gradient import PARTS, Gradient, sample
+from optid.tuning.gradient import Gradient, tangents
 from optid.tuning.integral_criteria import Measure
+from optid.tuning.loop import HUNTING
 from optid.tuning.margins import Frequencies, Required, excess, margins
 from optid.tuning.plant import plant_of
 from optid.tuning.response_metrics import response
+from optid.tuning.sample import beginning
 from optid.tuning.scenarios import load, moves, profile, step
 from optid.tuning.search import PLACES
 from optid.tuning.task import Aggregation, Task
@@ -22,6 +25,20 @@ from tests.tuning.small_axis import T, axis, python_control
 
 FAST = Gains(40.0, 60.0, 0.6, 4e-3, 0.9)
 LIMITED = Settings(T, -5, 5, rate=800.0, resolution=0.01)
+WHOLE = Settings(
+    T,
+    -5,
+    4,
+    deadband_low=-0.2,
+    deadband_high=0.3,
+    deadband_onset=0.1,
+    anti_windup=AntiWindup.BACK_CALCULATION,
+    tracking_time=0.05,
+    acceleration=0.02,
+    friction=0.1,
+    friction_speed=0.05,
+    notch=Notch(30.0, 10.0, 0.5),
+)
 
 
 def plainly(model, gains, settings, episode):
@@ -41,14 +58,14 @@ def plainly(model, gains, settings, episode):
 
 
 EPISODES = {
-    "step": step(0.06, 300, T),
+    "step": replace(step(0.06, 300, T), rest=200),
     "moves": moves([(0.0, 0.03), (0.2, -0.02), (0.4, 0.01)], 300, T),
     "load": load(0.5, 300, T),
     "profile": profile(0.05 * np.sin(np.arange(300) / 30), T),
 }
 
 
-@pytest.mark.parametrize("settings", [Settings(T), LIMITED], ids=["free", "limited"])
+@pytest.mark.parametrize("settings", [Settings(T), LIMITED, WHOLE], ids=["free", "limited", "whole"])
 @pytest.mark.parametrize("name", EPISODES)
 @pytest.mark.parametrize("delay", [1, 4])
 def test_compiled_loop_is_the_plain_one(name, settings, delay):
@@ -59,13 +76,13 @@ def test_compiled_loop_is_the_plain_one(name, settings, delay):
     np.testing.assert_allclose(y, expected_y, atol=1e-11)
     np.testing.assert_allclose(u, expected_u, atol=0.0101 if settings.resolution else 1e-8)
     run = response(episode, y, u, T)
-    parts = task.closed_loop.parts(
-        np.tile(FAST.vector, (6, 1))
-    )  # more than one group of lanes, the last one not full
+    # More than one group of lanes, the last one not full.
+    parts = task.closed_loop.parts(np.tile(FAST.vector, (LANES + 3, 1)))
     assert np.all(parts == parts[0])
     assert parts[0, 0, 0, 0] == pytest.approx(run.measures["itae"], rel=1e-9)
     assert parts[0, 0, 0, 1] * task.command_size == pytest.approx(run.travel, rel=1e-9)
     assert parts[0, 0, 0, 2] == pytest.approx(run.overshoot, abs=1e-12)
+    assert parts[0, 0, 0, HUNTING] == pytest.approx(run.hunting, abs=1e-12)
 
 
 def test_itae_of_a_known_response():
@@ -112,15 +129,13 @@ def test_gradient_is_exact(model, measure, settings):
 
 def test_gradient_is_that_of_casadi(task):
     """Machine code and CasADi's own virtual machine agree on state and derivatives after every sample."""
-    free = ("kp", "kd")
-    function = sample(task, free)
-    episode = task.episodes[0]
-    order = task.plant.a.size
-    w = np.zeros((order + MEMORY + PARTS) * 3)
-    W = task.closed_loop.arrays[5][0]
-    for n in range(episode.reference.size):
-        e = [episode.reference[n], episode.load[n], W[n], episode.rise[n], 0.0]
-        w = function(w, [FAST.kp, FAST.kd], e, FAST.vector)
+    free, loop = ("kp", "kd"), task.closed_loop
+    function = tangents(loop.order, loop.square, loop.settings, free)
+    start = beginning(loop.order, 0.0, 1).ravel()
+    w, plant = np.concatenate([start, np.zeros(2 * start.size)]), loop.plant_rows[0]
+    for column in loop.episode_rows[0].T:
+        w = function(w, FAST.vector, plant, loop.settings, column)
+    order = loop.order
     rows = np.array(w).reshape(3, -1)[:, order + MEMORY]
     value, slope = Gradient(task, free)(FAST.vector)
     np.testing.assert_allclose([value, *slope], rows, rtol=1e-9)
