@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 import casadi as ca
 from llvmlite import ir
 from numba.core import cgutils
+from scipy.integrate import RK45
 
 from optid.core.instructions import FORMS, REAL, Value, add, div, intrinsic, mul, number
 from optid.core.llvm_simd import (
@@ -32,17 +33,9 @@ from optid.core.llvm_simd import (
 from optid.core.model import Model
 from optid.core.rosenbrock import moved, rosenbrock, symbols
 
-# Dormand and Prince (1980), table 2: stages, and fifth minus fourth order weights.
-A = (
-    (),
-    (1 / 5,),
-    (3 / 40, 9 / 40),
-    (44 / 45, -56 / 15, 32 / 9),
-    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
-    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
-    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
-)
-E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+# Dormand and Prince (1980), table 2: stages, the last one with the weights of a step, and fourth minus fifth order.
+A = (*(tuple(row[:i]) for i, row in enumerate(RK45.A.tolist())), tuple(RK45.B.tolist()))
+E = tuple(RK45.E.tolist())
 
 _ARGUMENTS = ("x", "u", "p", "h", "half")
 _PARAMETER = 2  # position of p among the arguments
