@@ -7,7 +7,7 @@ derivatives for `optid.tuning.gradient`, and of the whole loop over the samples,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import cgutils
 
+from optid.core.cache import sources
 from optid.core.instructions import FORMS, REAL, Value, number
 from optid.core.jit import machine_code
 from optid.core.llvm_simd import PLACE, SEVERAL, load, size, splat, store
@@ -90,14 +91,19 @@ class Code:
 def loops_code(order: int, square: bool, settings: tuple[float, ...]) -> Code:
     """``loops(x, g, plant, s, episode, samples)``: `LANES` loops over an episode; rows of x and g are lanes."""
     function = sample(order, square, settings)
-    engine = machine_code(f"loops {function.serialize()}", lambda: _loops_text(function))
+    engine = _compiled("loops", function, _loops_text)
     return Code(engine.get_function_address("loops"), engine)
 
 
 def sample_code(function: ca.Function) -> Code:
     """``sample(x, g, plant, s, e)`` for a function like `sample`, in place on x."""
-    engine = machine_code(function.serialize(), lambda: _sample_text(function))
+    engine = _compiled("sample", function, _sample_text)
     return Code(engine.get_function_address("sample"), engine)
+
+
+def _compiled(kind: str, function: ca.Function, text: Callable[[ca.Function], str]) -> Any:
+    """The code is kept on disk under all that it depends on: how this file writes it, too."""
+    return machine_code(f"{kind} {sources(__file__)} {function.serialize()}", lambda: text(function))
 
 
 def _sample_text(function: ca.Function) -> str:
