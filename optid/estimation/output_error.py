@@ -23,9 +23,7 @@ from optid.estimation.problem import Integers, Problem
 from optid.estimation.result import Outcome
 from optid.estimation.smoother import PASSING, Objective, Point, Terms, Watch, descend, evaluate, priced
 
-LONG = (
-    400  # iterations: a friction that breaks away at other times makes the cost rough, and the way down long
-)
+LONG = 400  # iterations: where friction breaks away at other times the cost is rough, and the way down long
 ROUNDS = 3  # of the start's weight, which follows from the misfit
 LOOSE = LEVELS[:4]  # process noise of the windows from which a second start comes
 EXPLAINED = 2.0  # error over noise up to which none is needed
