@@ -40,6 +40,8 @@ HUNTING = 3  # place of the hunting among the parts of a cost
 # Of a cost: the measure, travel of the command in units of its range, overshoot as a share of the step, and the
 # output's peak to peak while it should be at rest.
 PARTS = 4
+# Samples that a thread is given at least, of as many loops as there are lanes: half a millisecond of work.
+GRAIN = 40_000
 ESCAPED = 1e6  # times the reference: an output this far away has diverged, and is not simulated further
 _LAST = memory_layout.LAST_COMMAND
 
@@ -119,8 +121,9 @@ class ClosedLoop:
             rows = self.plant_rows, self.settings, self.episode_rows
             _batch(code.place, gains, rows, start, begin, end, out)
 
+        each = len(self.plants) * len(self.episodes) * self.episode_rows.shape[2]
         with np.errstate(invalid="ignore", over="ignore"):
-            parallel_for(-(-len(gains) // LANES), run)
+            parallel_for(-(-len(gains) // LANES), run, max(GRAIN // each, 1))
         out[..., 1] /= self.command_size
         return out
 
