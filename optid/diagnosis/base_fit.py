@@ -67,7 +67,7 @@ def with_open_variance(problem: DiagnosisProblem, model: FittedModel) -> Diagnos
     return replace(problem, open_variance=open_variance(q, model.p, noise, problem.window))
 
 
-def with_noise_left(
+def with_residual_noise(
     problem: DiagnosisProblem, base: FittedModel, search: DiagnosisProblem
 ) -> DiagnosisProblem:
     """The problem with the coloured noise that a base at the noise leaves: no motion hides its colour there.

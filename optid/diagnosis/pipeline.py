@@ -20,8 +20,8 @@ from optid.diagnosis.base_fit import (
     fit_base,
     is_at_noise,
     relax_bounds,
-    with_noise_left,
     with_open_variance,
+    with_residual_noise,
 )
 from optid.diagnosis.between_samples import inputs_that_go_on, straight_inputs, straightened
 from optid.diagnosis.checkpoint import (
@@ -118,7 +118,7 @@ def diagnose(
     if roles := inputs_that_go_on(base, search):
         problem = straightened(problem, roles)
         base, search = fit_base(problem.at_search_accuracy())
-    problem = with_noise_left(problem, base, search)
+    problem = with_residual_noise(problem, base, search)
     path, search, wide = _select_at_either_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
     path = replace(path, ended_early=path.ended_early or search.budget.is_over)

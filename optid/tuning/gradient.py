@@ -1,8 +1,8 @@
 """The exact gradient of a tuning's cost: one sample of the loop, differentiated by CasADi and run as machine code.
 
-CasADi carries the state's derivatives along the same sample (`optid.tuning.sample`; forward mode, exact through limits
-and anti-windup as far as they can be differentiated), and LLVM makes machine code of both. A thousand samples take a
-fraction of a millisecond, where CasADi's own virtual machine takes tens.
+CasADi carries the state's derivatives along the same sample (`optid.tuning.loop_code`; forward mode, exact through
+limits and anti-windup as far as they can be differentiated), and LLVM makes machine code of both. A thousand samples
+take a fraction of a millisecond, where CasADi's own virtual machine takes tens.
 """
 
 from __future__ import annotations
@@ -18,19 +18,21 @@ from optid.core.kernel import at, call
 from optid.core.model import Array
 from optid.core.threads import one_at_a_time
 from optid.pid.pid_step import GAINS, MEMORY, PER_STEP, RESOLUTION
+from optid.tuning.loop_code import MachineCode, closed_loop_sample, initial_state, single_loop_code
 from optid.tuning.machine import compiled
-from optid.tuning.sample import Code, beginning, sample, sample_code
 from optid.tuning.search import PLACES
 from optid.tuning.task import Aggregation, Task
 
 
 @one_at_a_time
-def tangents(order: int, square: bool, settings: Sequence[float], free: Sequence[str]) -> ca.Function:
+def forward_sensitivities(
+    order: int, squared_error: bool, settings: Sequence[float], free: Sequence[str]
+) -> ca.Function:
     """A sample with derivatives: (w, g, plant, s, e) -> w afterwards.
 
-    w holds x of `optid.tuning.sample.sample` and behind it its derivative to each free gain; the rest is as there.
+    w holds x of `closed_loop_sample` and behind it its derivative to each free gain; the rest is as there.
     """
-    plain = sample(order, square, settings)
+    plain = closed_loop_sample(order, squared_error, settings)
     count, n = plain.nnz_in(0), len(free)
     w, *others = (ca.SX.sym(f"i{k}", plain.nnz_in(k) * (1 if k else 1 + n)) for k in range(plain.n_in()))
     x, g = w[:count], others[0]
@@ -47,8 +49,10 @@ def tangents(order: int, square: bool, settings: Sequence[float], free: Sequence
 
 
 @lru_cache(maxsize=32)
-def _tangents_code(order: int, square: bool, settings: tuple[float, ...], free: tuple[str, ...]) -> Code:
-    return sample_code(tangents(order, square, settings, free))
+def _sensitivity_code(
+    order: int, squared_error: bool, settings: tuple[float, ...], free: tuple[str, ...]
+) -> MachineCode:
+    return single_loop_code(forward_sensitivities(order, squared_error, settings, free))
 
 
 class Gradient:
@@ -66,7 +70,7 @@ class Gradient:
         # The resolution of the command is left out: its steps would hide every slope.
         self._settings = loop.settings.copy()
         self._settings[[RESOLUTION - GAINS, PER_STEP - GAINS]] = 0.0
-        self._code = _tangents_code(loop.order, loop.square, tuple(self._settings.tolist()), free)
+        self._code = _sensitivity_code(loop.order, loop.squared_error, tuple(self._settings.tolist()), free)
 
     def __call__(self, gains: Array) -> tuple[float, Array]:
         """Of one set of gains (GAINS,): cost, and derivatives (free,); not finite where the loop diverges."""
@@ -83,7 +87,7 @@ class Gradient:
     def _plant(self, gains: Array, plant: int) -> tuple[float, Array]:
         task, criterion, n = self._task, self._task.criterion, len(self._free)
         loop, rest = task.closed_loop, min(max(0.0, task.settings.low), task.settings.high)
-        start = beginning(loop.order, rest, 1).ravel()
+        start = initial_state(loop.order, rest, 1).ravel()
         value, slope = 0.0, np.zeros(n)
         for e, episode in enumerate(task.episodes):
             w = np.concatenate([start, np.zeros(n * start.size)])

@@ -1,6 +1,6 @@
 """The closed loop, compiled: the rig's own controller around the identified model, limits and all.
 
-Candidates run several at a time through the same samples (`optid.tuning.sample`), one in each lane of a register.
+Candidates run several at a time through the same samples (`optid.tuning.loop_code`), one in each lane of a register.
 """
 
 from __future__ import annotations
@@ -19,9 +19,7 @@ from optid.errors import InputError
 from optid.pid import pid_step as memory_layout
 from optid.pid.pid_step import GAINS, MEMORY, law
 from optid.tuning.criterion import Criterion
-from optid.tuning.machine import compiled
-from optid.tuning.plant import Plant
-from optid.tuning.sample import (
+from optid.tuning.loop_code import (
     HIGHEST,
     LOAD,
     LOWEST,
@@ -31,9 +29,11 @@ from optid.tuning.sample import (
     REFERENCE,
     SUMS,
     TRAVEL,
-    beginning,
-    loops_code,
+    closed_loop_code,
+    initial_state,
 )
+from optid.tuning.machine import compiled
+from optid.tuning.plant import Plant
 from optid.tuning.scenarios import Episode
 
 HUNTING = 3  # place of the hunting among the parts of a cost
@@ -86,24 +86,24 @@ class ClosedLoop:
         return max(plant.a.size for plant in self.plants)
 
     @property
-    def square(self) -> bool:
+    def squared_error(self) -> bool:
         """Whether the measure squares the error."""
         return self.criterion.measure.power == 2
 
     @cached_property
     def plant_rows(self) -> Array:
-        """Each plant as `optid.tuning.sample` takes it, (plants, 2 order + 2)."""
+        """Each plant as `optid.tuning.loop_code` takes it, (plants, 2 order + 2)."""
         pad = self.order
         rows = [np.r_[_padded(p.a, pad), _padded(p.b, pad), p.dead_zone] for p in self.plants]
         return np.array(rows)
 
     @cached_property
     def episode_rows(self) -> Array:
-        """Each episode as `optid.tuning.sample` takes it, (episodes, ROWS, samples)."""
+        """Each episode as `optid.tuning.loop_code` takes it, (episodes, ROWS, samples)."""
         return np.array([self._rows(episode) for episode in self.episodes])
 
     def _rows(self, one: Episode) -> Array:
-        """An episode as the rows of `optid.tuning.sample`, (ROWS, samples)."""
+        """An episode as the rows of `optid.tuning.loop_code`, (ROWS, samples)."""
         n, T = one.reference.size, self.plants[0].sample_time
         weight = self.criterion.measure.weights(one.clock, T)
         restless = np.where(np.arange(n) < one.rest, np.inf, 0.0)
@@ -112,8 +112,8 @@ class ClosedLoop:
     def parts(self, gains: Array) -> Array:
         """Parts of the cost of gains (candidates, GAINS): shape (candidates, plants, episodes, PARTS)."""
         gains = np.atleast_2d(gains)
-        code = loops_code(self.order, self.square, tuple(self.settings.tolist()))
-        start = beginning(self.order, min(max(0.0, self.settings[1]), self.settings[2]), LANES)
+        code = closed_loop_code(self.order, self.squared_error, tuple(self.settings.tolist()))
+        start = initial_state(self.order, min(max(0.0, self.settings[1]), self.settings[2]), LANES)
         out = np.empty((len(gains), len(self.plants), len(self.episodes), PARTS))
 
         def run(first: int, last: int) -> None:

@@ -81,7 +81,7 @@ def test_a_base_at_the_noise_shows_its_colour_better_than_motion_does(rig, monke
     monkeypatch.setattr(base_fit, "quiet_filter", lambda *at: SimpleNamespace(innovations=left))
     base = SimpleNamespace(p=None, fit=SimpleNamespace(level=None))
     monkeypatch.setattr(base_fit, "is_at_noise", lambda model, problem: at_noise)
-    told = base_fit.with_noise_left(problem, base, search)
+    told = base_fit.with_residual_noise(problem, base, search)
     channel, before = told.rig.channels["position"], own.channels["position"]
     if not at_noise:
         assert channel == before
@@ -103,7 +103,7 @@ def test_a_slow_sensor_in_a_faster_log_keeps_its_noise(rig, monkeypatch):
     monkeypatch.setattr(base_fit, "is_at_noise", lambda model, problem: True)
     monkeypatch.setattr(base_fit, "quiet_filter", lambda *at: SimpleNamespace(innovations=left))
     base = SimpleNamespace(p=None, fit=SimpleNamespace(level=None))
-    told = base_fit.with_noise_left(problem, base, problem).rig.channels["position"]
+    told = base_fit.with_residual_noise(problem, base, problem).rig.channels["position"]
     assert told.sd == pytest.approx(SD, rel=0.1) and 0.0 <= told.colour < 0.1
 
 
@@ -140,7 +140,7 @@ def test_neither_outliers_nor_slow_errors_pass_for_noise(rig, monkeypatch, fault
     monkeypatch.setattr(base_fit, "is_at_noise", lambda model, problem: True)
     monkeypatch.setattr(base_fit, "quiet_filter", lambda *at: SimpleNamespace(innovations=left))
     base = SimpleNamespace(p=None, fit=SimpleNamespace(level=None))
-    told = base_fit.with_noise_left(problem, base, problem).rig.channels["position"]
+    told = base_fit.with_residual_noise(problem, base, problem).rig.channels["position"]
     if kept:
         assert told == own.channels["position"]
     else:

@@ -11,13 +11,13 @@ from optid.errors import InputError
 from optid.pid.controller import AntiWindup, Controller, Gains, Notch, Settings
 from optid.pid.pid_step import GAINS, MEMORY
 from optid.tuning.criterion import Criterion
-from optid.tuning.gradient import Gradient, tangents
+from optid.tuning.gradient import Gradient, forward_sensitivities
 from optid.tuning.integral_criteria import Measure
 from optid.tuning.loop import HUNTING
+from optid.tuning.loop_code import initial_state
 from optid.tuning.margins import Frequencies, Required, excess, margins
 from optid.tuning.plant import plant_of
 from optid.tuning.response_metrics import response
-from optid.tuning.sample import beginning
 from optid.tuning.scenarios import load, moves, profile, step
 from optid.tuning.search import PLACES
 from optid.tuning.task import Aggregation, Task
@@ -130,8 +130,8 @@ def test_gradient_is_exact(model, measure, settings):
 def test_gradient_is_that_of_casadi(task):
     """Machine code and CasADi's own virtual machine agree on state and derivatives after every sample."""
     free, loop = ("kp", "kd"), task.closed_loop
-    function = tangents(loop.order, loop.square, loop.settings, free)
-    start = beginning(loop.order, 0.0, 1).ravel()
+    function = forward_sensitivities(loop.order, loop.squared_error, loop.settings, free)
+    start = initial_state(loop.order, 0.0, 1).ravel()
     w, plant = np.concatenate([start, np.zeros(2 * start.size)]), loop.plant_rows[0]
     for column in loop.episode_rows[0].T:
         w = function(w, FAST.vector, plant, loop.settings, column)

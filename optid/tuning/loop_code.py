@@ -38,12 +38,12 @@ CONSTANT = (0.0, 1.0, np.inf, -np.inf)  # settings of these values are written i
 
 
 @one_at_a_time
-def sample(order: int, square: bool, settings: Sequence[float]) -> ca.Function:
+def closed_loop_sample(order: int, squared_error: bool, settings: Sequence[float]) -> ca.Function:
     """One sample: (x, g, plant, s, e) -> x afterwards.
 
     Args:
         order: of the plant.
-        square: whether the measure squares the error.
+        squared_error: whether the measure squares the error.
         settings: of the controller behind its gains; those in CONSTANT are constants of the function.
 
     Returns:
@@ -59,7 +59,7 @@ def sample(order: int, square: bool, settings: Sequence[float]) -> ca.Function:
     y, before = z[0], m[LAST_COMMAND]
     u = symbolic()([*ca.vertsplit(g), *fixed], m, e[REFERENCE], y + e[NOISE])
     error = ca.fabs(e[REFERENCE] - y)
-    sums[MEASURE] += e[WEIGHT] * (error**2 if square else error)
+    sums[MEASURE] += e[WEIGHT] * (error**2 if squared_error else error)
     sums[TRAVEL] += ca.fabs(u - before)
     sums[OVERSHOOT] = ca.fmax(sums[OVERSHOOT], (y - e[REFERENCE]) * e[RISE])
     sums[LOWEST] = ca.fmin(sums[LOWEST], y + e[RESTLESS])
@@ -71,7 +71,7 @@ def sample(order: int, square: bool, settings: Sequence[float]) -> ca.Function:
     return ca.Function("sample", [x, g, plant, s, e], [ca.cse(ca.densify(ca.vertcat(*z, *m, *sums)))])
 
 
-def beginning(order: int, command: float, lanes: int) -> Array:
+def initial_state(order: int, command: float, lanes: int) -> Array:
     """x before the first sample, (order + MEMORY + SUMS, lanes): at rest with this command."""
     x = np.zeros((order + MEMORY + SUMS, lanes))
     x[order + LAST_COMMAND] = command
@@ -80,7 +80,7 @@ def beginning(order: int, command: float, lanes: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Code:
+class MachineCode:
     """Machine code at `place`; `engine` owns it."""
 
     place: int
@@ -88,17 +88,17 @@ class Code:
 
 
 @lru_cache(maxsize=32)
-def loops_code(order: int, square: bool, settings: tuple[float, ...]) -> Code:
+def closed_loop_code(order: int, squared_error: bool, settings: tuple[float, ...]) -> MachineCode:
     """``loops(x, g, plant, s, episode, samples)``: `LANES` loops over an episode; rows of x and g are lanes."""
-    function = sample(order, square, settings)
-    engine = _compiled("loops", function, _loops_text)
-    return Code(engine.get_function_address("loops"), engine)
+    function = closed_loop_sample(order, squared_error, settings)
+    engine = _compiled("loops", function, _write_loop)
+    return MachineCode(engine.get_function_address("loops"), engine)
 
 
-def sample_code(function: ca.Function) -> Code:
-    """``sample(x, g, plant, s, e)`` for a function like `sample`, in place on x."""
-    engine = _compiled("sample", function, _sample_text)
-    return Code(engine.get_function_address("sample"), engine)
+def single_loop_code(function: ca.Function) -> MachineCode:
+    """``sample(x, g, plant, s, e)`` for a function like `closed_loop_sample`, in place on x."""
+    engine = _compiled("sample", function, _write_sample)
+    return MachineCode(engine.get_function_address("sample"), engine)
 
 
 def _compiled(kind: str, function: ca.Function, text: Callable[[ca.Function], str]) -> Any:
@@ -106,8 +106,8 @@ def _compiled(kind: str, function: ca.Function, text: Callable[[ca.Function], st
     return machine_code(f"{kind} {sources(__file__)} {function.serialize()}", lambda: text(function))
 
 
-def _sample_text(function: ca.Function) -> str:
-    b, places, _ = _begun(function.name(), 5, 0)
+def _write_sample(function: ca.Function) -> str:
+    b, places, _ = _new_function(function.name(), 5, 0)
     inputs = [[load(b, place, i) for i in range(function.nnz_in(k))] for k, place in enumerate(places)]
     for i, value in enumerate(_values(b, function, inputs)):
         store(b, places[0], i, value)
@@ -115,8 +115,8 @@ def _sample_text(function: ca.Function) -> str:
     return str(b.module)
 
 
-def _loops_text(function: ca.Function) -> str:
-    b, (x, g, plant, s, episode), (samples,) = _begun("loops", 5, 1)
+def _write_loop(function: ca.Function) -> str:
+    b, (x, g, plant, s, episode), (samples,) = _new_function("loops", 5, 1)
     wide = [[load(b, place, i, SEVERAL) for i in range(function.nnz_in(k))] for k, place in ((0, x), (1, g))]
     same = [
         [splat(b, load(b, place, i), SEVERAL) for i in range(function.nnz_in(k))]
@@ -138,7 +138,7 @@ def _loops_text(function: ca.Function) -> str:
     return str(b.module)
 
 
-def _begun(name: str, places: int, numbers: int) -> tuple[Value, Sequence[Value], Sequence[Value]]:
+def _new_function(name: str, places: int, numbers: int) -> tuple[Value, Sequence[Value], Sequence[Value]]:
     """A function of so many places, then numbers: its builder and its arguments."""
     module = ir.Module(name)
     kind = ir.FunctionType(REAL, [PLACE] * places + [REAL] * numbers)
