@@ -49,7 +49,7 @@ def compare_alternatives(
         ):
             mine = Alternative(effect, path.best, path.validated, told_apart=False)
             others = [
-                replace(one, told_apart=_told_apart(one.validated, better.validated, problem))
+                replace(one, told_apart=is_told_apart(one.validated, better.validated, problem))
                 for one in (mine, *others)
                 if one is not better
             ]
@@ -78,7 +78,7 @@ def _price(one: Effect, other: Effect) -> float:
     return float(first - second)
 
 
-def _told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) -> bool:
+def is_told_apart(worse: Validated, better: Validated, problem: DiagnosisProblem) -> bool:
     """Whether windows prefer the better of two models.
 
     A log likelihood ratio below 1 is no evidence (Kass and Raftery, J. Am. Statist. Assoc. 90, 1995): laws that are the
@@ -102,7 +102,7 @@ def _met(
     """Look-alikes that were fully fitted when the effect was chosen: nothing else has changed since."""
     met = {
         one.effect.name: Alternative(
-            one.effect, one.model, one.validated, _told_apart(one.validated, path.validated, problem)
+            one.effect, one.model, one.validated, is_told_apart(one.validated, path.validated, problem)
         )
         for step in rounds
         for one in step.contenders
@@ -139,5 +139,5 @@ def _fitted(
         if one.effect.size(model.own_values(one.effect)) < 1.0:
             return None
         validated = cross_validate(model, problem)
-        return Alternative(one.effect, model, validated, _told_apart(validated, path.validated, problem))
+        return Alternative(one.effect, model, validated, is_told_apart(validated, path.validated, problem))
     return None

@@ -40,7 +40,8 @@ from optid.diagnosis.result import Diagnosis, Verdict
 from optid.diagnosis.selection.backward import without_effects
 from optid.diagnosis.selection.path import SelectionPath, nothing_selected, without_each
 from optid.diagnosis.selection.stepwise import select
-from optid.diagnosis.surrogate.search import answer_of, find_surrogate
+from optid.diagnosis.surrogate.search import Surrogate, answer_of, find_surrogate
+from optid.diagnosis.surrogate.sticking_input import sticking_input
 from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import (
@@ -122,13 +123,7 @@ def diagnose(
     path, search, wide = _select_at_either_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
     path = replace(path, ended_early=path.ended_early or search.budget.is_over)
-    surrogate = None
-    if wide is None and not is_beyond_doubt(path, search):
-        report(Stage.LOCALISATION, "locating the mismatch with an unknown input")
-        if sites := locate(path.base, search):
-            surrogate = find_surrogate(path, sites, search)
-        if is_sufficient(path, search) and not is_explained_elsewhere(path, surrogate, search):
-            surrogate = None
+    surrogate = _surrogate(path, search, problem) if wide is None else None
     report(Stage.REFINEMENT, "maximum likelihood and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     unseal = partial(straight_inputs, sealed, roles)
@@ -137,6 +132,22 @@ def diagnose(
     answer = _conclude_from_confirmed(tested, unseal) if tested.unconfirmed else conclude(tested)
     kept.clear()
     return answer
+
+
+def _surrogate(path: SelectionPath, search: DiagnosisProblem, problem: DiagnosisProblem) -> Surrogate | None:
+    """What is described rather than named; ``None`` where the named effects suffice, or nothing would be visible."""
+    instead = sticking_input(path, search, problem)
+    if instead is None and is_beyond_doubt(path, search):
+        return None
+    search.report(Stage.LOCALISATION, "locating the mismatch with an unknown input")
+    sites = locate(path.base, search)
+    if not sites:
+        return None
+    if instead is not None:
+        return Surrogate(instead, tuple(sites), tuple(sites[:1]))
+    found = find_surrogate(path, sites, search)
+    enough = is_sufficient(path, search) and not is_explained_elsewhere(path, found, search)
+    return None if enough else found
 
 
 def _conclude_from_confirmed(tested: TestedResult, unseal: Callable[[], Sequence[Recording]]) -> Diagnosis:

@@ -27,6 +27,7 @@ from optid.diagnosis.surrogate.search import Surrogate, localise
 from optid.diagnosis.tested_result import TestedResult
 from optid.diagnosis.validation import error_gain
 from optid.effects.library import admitted, untestable
+from optid.effects.sticking import Sticking
 from optid.estimation.result import Estimate
 
 VISIBLE = 5.0  # sd by which windows' errors must change for an effect to be detected with certainty
@@ -72,6 +73,7 @@ def is_explained_elsewhere(
     sites = {site for effect in path.best.effects for site in effect.sites}
     signals = {signal for effect in path.best.effects for signal in effect.depends_on}
     apart = sites.isdisjoint(described.effect.sites) or signals.isdisjoint(described.effect.depends_on)
+    apart |= isinstance(described.effect, Sticking)  # in place of a law of the same input
     most = problem.criteria.error_over_noise
     before, named, free = (one.by_output for one in (path.first, path.validated, described.validated))
     half = 0.5 * (before - 1.0)

@@ -64,7 +64,7 @@ class Sticking(Description):
         # It begins released, so that it reaches its input at once.
         stands, loose = (
             sheet.state("stands", "1", 0.1, spread=0.1),
-            sheet.state("loose", "1", 0.3, start=1.0, spread=1e-3),
+            sheet.state("loose", "1", 0.3, spread=1e-3),
         )
         off = nominal - stands
         gone, there = ca.fabs(off) / width - 1, NEAR - ca.fabs(off) / width

@@ -78,7 +78,7 @@ def test_a_constant_torque_and_an_offset_of_its_command_are_twins():
 def test_a_look_alike_that_predicts_better_takes_the_place_and_tells_the_loser_apart(monkeypatch):
     """The loser is worse beyond doubt; models that lack the other effect are fitted anew, beside the winner."""
     monkeypatch.setattr(
-        alternatives, "_told_apart", lambda worse, better, problem: worse.windows[0] > better.windows[0]
+        alternatives, "is_told_apart", lambda worse, better, problem: worse.windows[0] > better.windows[0]
     )
     monkeypatch.setattr(alternatives, "_price", lambda one, other: 0.0)
     twin, third = (
@@ -125,5 +125,5 @@ def test_the_site_of_a_generic_law_costs_as_much_as_a_parameter():
 def test_windows_that_differ_by_less_than_a_log_likelihood_of_one_tell_nothing_apart():
     """Every window is worse by a little, as where two fits of the same law end a little apart."""
     mine, near, worse = validated(0.5), validated(0.5 + 0.9 / 40), validated(0.5 + 3.5 / 40)
-    assert not alternatives._told_apart(near, mine, PROBLEM)
-    assert alternatives._told_apart(worse, mine, PROBLEM)
+    assert not alternatives.is_told_apart(near, mine, PROBLEM)
+    assert alternatives.is_told_apart(worse, mine, PROBLEM)

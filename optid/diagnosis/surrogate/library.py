@@ -117,11 +117,11 @@ def levels(base: FittedModel) -> list[Description]:
     return found
 
 
-def sticking(base: FittedModel, located: UnknownInput) -> list[Description]:
-    """Sticking of a site's signal, if that is a recorded input, which is used in the name."""
+def sticking(base: FittedModel, sites: Iterable[str]) -> list[Sticking]:
+    """Sticking of a signal at each site where that is a recorded input, which is used in the name."""
     recorded = {port.role for port in base.rig.model.recorded}
-    found: list[Description] = []
-    for site in located.sites:
+    found: list[Sticking] = []
+    for site in sites:
         role = site.partition(".")[2]
         if role in recorded and (size := float(np.sqrt(np.nanmean(_moving(base)[role] ** 2)))) > 0.0:
             found.append(Sticking(site, role, size=size))

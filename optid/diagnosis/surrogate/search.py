@@ -110,7 +110,7 @@ def _forms(base: FittedModel, likely: Sequence[UnknownInput], most: int) -> list
     for one in likely:
         for site in one.sites:
             found |= {form.name: form for form in curves(base, one.only(site))[:most]}
-        found |= {form.name: form for form in sticking(base, one)}
+        found |= {form.name: form for form in sticking(base, one.sites)}
     found |= {form.name: form for form in shared(base, likely[0])}
     found |= {form.name: form for form in levels(base)}
     return fitting(base.rig, found.values())
