@@ -127,6 +127,12 @@ VARIANTS = {
     "full rate": Variant(
         "nothing is searched at the recordings' own rate", {}, {(pipeline, "at_full_rate"): _never}, _is_none
     ),
+    "sticking input": Variant(
+        "an input that sticks never stands in place of a law of that input",
+        {},
+        {(pipeline, "sticking_input"): _never},
+        _is_none,
+    ),
     "elsewhere": Variant(
         "a description elsewhere never speaks against a name",
         {},
