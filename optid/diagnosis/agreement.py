@@ -35,7 +35,8 @@ def disagreement(
         return why
     if not evidence.error_gain > 0.0:
         return "it predicts no output of the hold-out better"
-    return _no_size(effect, estimates) or worse_output(before, after, noise, criteria)
+    why = _no_size(effect, estimates) or _at_an_end(effect, estimates)
+    return why or worse_output(before, after, noise, criteria)
 
 
 def no_confirmation(evidence: Evidence, criteria: Criteria) -> str:
@@ -56,3 +57,18 @@ def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
         for one in sizes
     )
     return f"its confidence interval includes an effect of no size ({told})"
+
+
+def _at_an_end(effect: Effect, estimates: Sequence[Estimate]) -> str:
+    """Which strength is at an end of its plausible range: the reason in words, or empty.
+
+    A share may be all there is: 0 and 1 are meant.
+    """
+    null, ranges = effect.at_null(), {one.name: one.bounds for one in effect.parameters}
+    for one in estimates:
+        if one.name not in effect.strength or one.value == null[one.name]:
+            continue
+        if one.at_bound and ranges[one.name] != (0.0, 1.0):
+            name, value = one.name.replace("_", " "), quantity(one.value, one.unit)
+            return f"its {name} lies at an end of the plausible range, at {value}"
+    return ""

@@ -1,9 +1,9 @@
 """95 % intervals of a diagnosed model's parameters.
 
-Fisher's information of the filter's innovations, with a sandwich estimate over blocks where these are coloured. Where
-a law's form is visibly wrong, the error beyond the noise widens every interval in proportion (Birge, Physical Review
-40, 1932); where the estimates of single recordings disagree more than their intervals allow, so does their ratio.
-Times resolved by samples have at least the interval that the effect states.
+Fisher's information of the filter's innovations, and the largest of three estimates by how much a law's wrong form and
+coloured innovations widen its intervals: a sandwich estimate over blocks, the error beyond the noise, and by how much
+the estimates of single recordings disagree (both Birge, Physical Review 40, 1932). Each of them sees all of the misfit;
+their product would count it twice. Times resolved by samples have at least the interval that the effect states.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
     bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
     # A parameter fixed at a bound also restricts the others.
-    own, others = (np.diag(_covariance(answer, fixed)) for fixed in (np.zeros_like(bound), bound))
-    sd = np.sqrt(np.maximum(np.where(bound, own, others), 0.0)) * q.typical
+    own, others = (np.diag(_covariance(answer, fixed, ratio)) for fixed in (np.zeros_like(bound), bound))
+    # An infinite ratio of no variance is none.
+    sd = np.sqrt(np.fmax(np.where(bound, own, others), 0.0)) * q.typical
     # Bounds of nuisance parameters keep simulations short: the truth may lie beyond, and others make up for it.
     nuisance = np.array([q.model.parameters[i].nuisance is not None for i in q.free])
     sd = np.hypot(sd, _left_to_go(answer, bound & ~nuisance))
     sd = np.hypot(sd, np.where(bound, 0.0, q.model.known_bias(q.free, theta)))
     unseen = [_unidentifiable(answer.information, fixed) for fixed in (np.zeros_like(bound), bound)]
     sd[np.where(bound, *unseen)] = np.inf
-    wide = np.where(sd > 0.0, max(ratio, 1.0) * Z95 * np.where(sd > 0.0, sd, 1.0), 0.0)
-    half = np.maximum(wide, _resolution(model)) + model.shift
+    half = np.maximum(Z95 * sd, _resolution(model)) + model.shift
     found = []
     for k, i in enumerate(q.free):
         parameter = q.model.parameters[i]
@@ -117,8 +117,11 @@ def _left_to_go(answer: LikelihoodFit, fixed: Booleans) -> Array:
     return np.asarray(np.abs(step[: len(fixed)]) * q.typical)
 
 
-def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
-    """Of the free parameters in typical sizes, (free, free), where some of them, (free,), are known."""
+def _covariance(answer: LikelihoodFit, fixed: Booleans, ratio: float) -> Array:
+    """Of the free parameters in typical sizes, (free, free), where some of them, (free,), are known.
+
+    `ratio` is the model's error over the expected one.
+    """
     q, moved = answer.likelihood_problem, _moved(answer, fixed)
     scores = Scores.of(answer.filtered, answer.slopes)
     inverse = np.zeros_like(answer.information)
@@ -135,7 +138,8 @@ def _covariance(answer: LikelihoodFit, fixed: Booleans) -> Array:
     wider = np.divide(
         np.diag(sandwich), own, out=np.ones(len(own)), where=own > 1e-30
     )  # 0: without influence
-    scale = np.sqrt(np.maximum(np.maximum(wider, _between_recordings(scores, owner, prior, moved)), 1.0))
+    between = _between_recordings(scores, owner, prior, moved)
+    scale = np.sqrt(np.maximum(np.maximum(wider, between), max(ratio, 1.0) ** 2))
     nf = len(q.free)
     return np.asarray((inverse * np.outer(scale, scale))[:nf, :nf])
 

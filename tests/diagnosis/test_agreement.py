@@ -7,6 +7,7 @@ from optid.diagnosis.agreement import disagreement
 from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.evaluation import Evaluation
 from optid.diagnosis.testing import Evidence
+from optid.effects.generic.power_law import PowerLaw
 from optid.effects.library import built_in
 from optid.estimation.result import Estimate, Score
 
@@ -32,10 +33,10 @@ def evaluation(**times_noise):
     return Evaluation(0.5, blocks, errors, zero, measured, time, blocks * 0, scores, zero)
 
 
-def told(low=NULL + 0.02, high=NULL + 0.03, evidence=None, before=None, after=None):
+def told(low=NULL + 0.02, high=NULL + 0.03, evidence=None, before=None, after=None, effect=EFFECT, own=None):
     return disagreement(
-        EFFECT,
-        [estimate(low, high)],
+        effect,
+        [own or estimate(low, high)],
         evidence or Evidence(1e-5, 3.0, 0.5),
         before or evaluation(position=40.0, pressure_a=3.0),
         after or evaluation(position=1.0, pressure_a=1.0),
@@ -60,6 +61,24 @@ def test_an_output_must_gain():
 def test_its_interval_must_exclude_that_there_is_none_of_it():
     assert "includes an effect of no size" in told(low=NULL, high=NULL + 0.03)
     assert "includes an effect of no size" in told(low=NULL - 0.01, high=NULL + 0.03)
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "value", "why"),
+    [
+        (
+            PowerLaw("drive.speed", 1.0),
+            "exponent",
+            0.2,
+            "its exponent lies at an end of the plausible range, at 0.2",
+        ),
+        (PowerLaw("drive.speed", 1.0), "exponent", 0.3, ""),
+        (built_in()["valve_saturation"], "loss", 1.0, ""),  # of a share this end is meant
+    ],
+)
+def test_a_size_at_an_end_of_its_range_is_not_told(effect, name, value, why):
+    own = Estimate(name, "1", value, value - 0.01, value + 0.01, 0.5, value in (0.2, 1.0), True)
+    assert told(effect=effect, own=own) == why
 
 
 def test_no_output_may_be_predicted_worse_than_before():

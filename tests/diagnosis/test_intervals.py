@@ -118,6 +118,23 @@ def test_recordings_that_contradict_each_other_widen_what_they_contradict():
     assert half(other) == pytest.approx(half(before), rel=0.1)
 
 
+def test_a_misfit_widens_intervals_once():
+    """Errors of three times the noise: the blocks' scores show them, and the ratio says them again."""
+    there = refined([0.0, 0.5], [-1e6, -1e6], [1e6, 1e6])
+    plain = [half(one) for one in intervals(there, 1.0)]
+    there.fit.filtered.innovations = 3.0 * there.fit.filtered.innovations
+    by_scores = [half(one) for one in intervals(there, 1.0)]
+    assert all(1.5 * before < wide for before, wide in zip(plain, by_scores, strict=True))
+    assert [half(one) for one in intervals(there, 1.5)] == pytest.approx(by_scores)
+    by_ratio = [half(one) for one in intervals(there, 50.0)]
+    assert [half(one) for one in intervals(there, 100.0)] == pytest.approx([2.0 * one for one in by_ratio])
+
+
+def test_a_model_that_diverged_has_no_interval_but_its_bounds():
+    there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
+    assert [(one.low, one.high) for one in intervals(there, np.inf)] == [(-5.0, 5.0)] * 2
+
+
 def test_what_a_plant_states_of_its_smooth_laws_counts_as_another_sd():
     there = refined([0.5, 0.5], [-5.0, -5.0], [5.0, 5.0])
     before = intervals(there, 1.0)
