@@ -32,7 +32,7 @@ from optid.diagnosis.checkpoint import (
     path_from,
 )
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.fitted import FittedModel
+from optid.diagnosis.fitted import FittedModel, refit
 from optid.diagnosis.localisation.unknown_input import locate
 from optid.diagnosis.problem import DiagnosisProblem, Stage, measurement_noise, prepare
 from optid.diagnosis.refinement import final_fit, refine, with_information
@@ -46,11 +46,11 @@ from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.verdict import (
     conclude,
-    found_nothing,
     gains_alone,
     is_beyond_doubt,
     is_explained_elsewhere,
     is_sufficient,
+    leaves_mismatch,
 )
 from optid.effects.effect import Effect
 from optid.errors import InputError
@@ -212,8 +212,8 @@ def _select_at_either_rate(
 ) -> tuple[SelectionPath, DiagnosisProblem, FittedModel | None]:
     """The path of the selection, its problem, and the base with wider bounds if these explain everything.
 
-    Decimated recordings are searched at their own rate where that alone brings the base to the noise, and once more
-    where the search finds nothing.
+    Decimated recordings are searched at their own rate where that alone brings the base to the noise; where the search
+    leaves a mismatch, it goes on at that rate.
     """
     full = at_full_rate(base, search, problem)
     if full is not None and is_at_noise(*full):
@@ -221,19 +221,23 @@ def _select_at_either_rate(
     if (wide := relax_bounds(base, search)) is not None:
         return nothing_selected(base, search), search, wide
     path = _selection(base, search, kept)
-    if full is not None and found_nothing(path, search):
-        again = _selection(*full, kept, "selection at the full rate")
+    if full is not None and leaves_mismatch(path, search):
+        again = _selection(*full, kept, "selection at the full rate", refit(path.best, full[1]))
         if again.best.effects:
-            return again, full[1], None
+            return replace(again, earlier=path.rounds), full[1], None
     return path, search, None
 
 
 def _selection(
-    base: FittedModel, problem: DiagnosisProblem, kept: Checkpoint, stage: str = "selection"
+    base: FittedModel,
+    problem: DiagnosisProblem,
+    kept: Checkpoint,
+    stage: str = "selection",
+    begun: FittedModel | None = None,
 ) -> SelectionPath:
     if (found := kept.load(stage)) is not None:
         return path_from(found, problem)
-    path = select(base, problem)
+    path = select(base, problem, begun)
     if not path.ended_early:
         kept.save(stage, path_document(path))
     return path

@@ -39,9 +39,9 @@ def is_sufficient(path: SelectionPath, problem: DiagnosisProblem) -> bool:
     return _at_noise(path, problem) or (bool(path.best.effects) and share >= 1.0 - largest_rest(problem))
 
 
-def found_nothing(path: SelectionPath, problem: DiagnosisProblem) -> bool:
-    """Whether the base leaves a mismatch and the whole search selected nothing."""
-    return not path.best.effects and not _at_noise(path, problem) and not path.ended_early
+def leaves_mismatch(path: SelectionPath, problem: DiagnosisProblem) -> bool:
+    """Whether the whole search leaves a mismatch."""
+    return not _at_noise(path, problem) and not path.ended_early
 
 
 def gains_alone(path: SelectionPath, problem: DiagnosisProblem) -> bool:
@@ -237,7 +237,7 @@ def _rejected(
 ) -> tuple[tuple[str, str], ...]:
     """Every effect that was fitted and not kept, with the last reason."""
     reasons: dict[str, str] = {}
-    for one in path.rounds:
+    for one in (*path.earlier, *path.rounds):
         beaten = f"{one.taken.effect.name} explains more" if one.taken else "not confirmed"
         reasons |= {c.effect.name: c.why or beaten for c in one.contenders if c is not one.taken}
     reasons |= {effect.name: f"beside the others: {why}" for effect, why in path.dropped}
@@ -249,9 +249,10 @@ def _rejected(
 
 def _not_testable(path: SelectionPath, problem: DiagnosisProblem) -> tuple[tuple[str, str, str], ...]:
     """Effects that would not be visible in these recordings at the smallest size worth a name."""
-    if not path.rounds:
+    rounds = (*path.earlier, *path.rounds)
+    if not rounds:
         return ()
-    visible = path.rounds[0].proposals.visible
+    visible = rounds[0].proposals.visible
     rows = [
         (effect.name, f"nothing recorded shows {' or '.join(effect.places)}", "")
         for effect in untestable(problem.rig.model, problem.own)

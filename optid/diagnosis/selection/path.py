@@ -39,7 +39,7 @@ class SelectionPath:
     Attributes:
         base, best: the original model, and the result of the selection.
         first, validated: their cross-validated errors.
-        rounds: every step.
+        rounds: every step; `earlier` are those of a search at another rate from which this one goes on.
         without: effect name -> the best model without that effect, with its errors.
         dropped: (effect, why) of those made redundant by others.
         ended_early: the budget was used up before everything was tried.
@@ -53,6 +53,7 @@ class SelectionPath:
     without: Mapping[str, tuple[FittedModel, Validated]] = field(default_factory=dict)
     dropped: tuple[tuple[Effect, str], ...] = ()
     ended_early: bool = False
+    earlier: tuple[Round, ...] = ()
 
     @property
     def nearest(self) -> Contender | None:

@@ -12,11 +12,18 @@ from optid.diagnosis.selection.path import Round, SelectionPath
 from optid.diagnosis.validation import Validated, cross_validate
 
 
-def select(base: FittedModel, problem: DiagnosisProblem) -> SelectionPath:
-    """Add effects while windows that were not fitted confirm them, and drop those that become redundant."""
+def select(base: FittedModel, problem: DiagnosisProblem, begun: FittedModel | None = None) -> SelectionPath:
+    """Add effects while windows that were not fitted confirm them, and drop those that become redundant.
+
+    Args:
+        base: the model without effects.
+        problem: the recordings.
+        begun: a model with effects from which the search goes on; the base if absent.
+    """
     first = cross_validate(base, problem)
-    current, validated, rounds = base, first, []
-    for depth in range(problem.criteria.most_effects):
+    current = base if begun is None else begun
+    validated, rounds = cross_validate(current, problem), []
+    for depth in range(len(current.effects), problem.criteria.most_effects):
         if problem.budget.is_over:
             break
         problem.report(Stage.SELECTION, f"round {depth + 1}: ranking the effects")
