@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import chdtrc, ndtri
 
 from optid.core.model import Array
 from optid.diagnosis.refinement import RefinedModel
@@ -28,8 +28,7 @@ def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     """Every free parameter with its interval, SI; `ratio` is the model's error over the expected one (Birge)."""
     answer = model.fit
     q, theta = answer.likelihood_problem, answer.p[list(answer.likelihood_problem.free)]
-    span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
-    bound = (theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span)
+    bound = _at_bounds(answer)
     # A parameter fixed at a bound also restricts the others.
     own, others = (np.diag(_covariance(answer, fixed, ratio)) for fixed in (np.zeros_like(bound), bound))
     # An infinite ratio of no variance is none.
@@ -61,8 +60,24 @@ def intervals(model: RefinedModel, ratio: float) -> tuple[Estimate, ...]:
     return tuple(found)
 
 
+def joint_p_value(model: RefinedModel, effect: Effect, ratio: float) -> float:
+    """Wald's p-value of the hypothesis that all strengths of an effect are null; one at a bound is held there.
+
+    Strengths that make up for each other, as the parts of a sensor's curve, are uncertain each by itself only.
+    """
+    answer, null = model.fit, effect.at_null()
+    q, bound = answer.likelihood_problem, _at_bounds(model.fit)
+    names = [q.model.parameters[i].name.removeprefix(f"{effect.name}.") for i in q.free]
+    rows = [k for k, name in enumerate(names) if name in effect.strength and not bound[k]]
+    off = np.array([(answer.p[q.free[k]] - null[names[k]]) / q.typical[k] for k in rows])
+    covariance = _covariance(answer, bound, ratio)[np.ix_(rows, rows)]
+    if not rows or not np.isfinite(covariance).all():
+        return 1.0
+    return float(chdtrc(len(rows), off @ _inverse(covariance) @ off))
+
+
 def apart_from_none(
-    estimates: Sequence[Estimate], effect: Effect, p_value: float, at_noise: bool
+    estimates: Sequence[Estimate], effect: Effect, p_value: float, sure: bool
 ) -> tuple[Estimate, ...]:
     """Estimates in which one interval excludes zero, where a test rules out that the effect is absent.
 
@@ -75,8 +90,8 @@ def apart_from_none(
         estimates: all parameters, SI.
         effect: named.
         p_value: of the hypothesis that it is absent, of a one-sided test.
-        at_noise: whether its model reaches the noise. Where it does not, the law's form is wrong, and the test shows
-            that it helps, not how large it is: its strength must then exceed its own sd.
+        sure: whether its model reaches the noise, or its strengths are together away from none. Otherwise the law's
+            form is wrong, and the test shows that it helps, not how large it is: its strength must exceed its own sd.
     """
     root, null = float(-ndtri(p_value)), effect.at_null()
     least = {f"{effect.name}.{name}": null[name] for name in effect.strength}
@@ -86,11 +101,18 @@ def apart_from_none(
         return tuple(estimates)
     surest = max(sizes, key=lambda e: abs(e.value - least[e.name]) / (e.high - e.low))
     sd = max(surest.high - surest.value, surest.value - surest.low) / Z95
-    if not at_noise and abs(surest.value - least[surest.name]) < sd:
+    if not sure and abs(surest.value - least[surest.name]) < sd:
         return tuple(estimates)
     end = least[surest.name] + share * (surest.value - least[surest.name])
     mended = replace(surest, low=end) if surest.value > least[surest.name] else replace(surest, high=end)
     return tuple(mended if one is surest else one for one in estimates)
+
+
+def _at_bounds(answer: LikelihoodFit) -> Booleans:
+    """Free parameters at a bound, (free,)."""
+    q, theta = answer.likelihood_problem, answer.p[list(answer.likelihood_problem.free)]
+    span = np.where(np.isfinite(q.high - q.low), q.high - q.low, np.abs(theta) + q.typical)
+    return np.asarray((theta - q.low <= 1e-9 * span) | (q.high - theta <= 1e-9 * span))
 
 
 def _resolution(model: RefinedModel) -> Array:

@@ -18,7 +18,7 @@ from optid.diagnosis.findings import (
     suspected_findings,
     unexplained_findings,
 )
-from optid.diagnosis.intervals import apart_from_none, intervals
+from optid.diagnosis.intervals import apart_from_none, intervals, joint_p_value
 from optid.diagnosis.problem import DiagnosisProblem
 from optid.diagnosis.result import Diagnosis, Finding, Suspicion, Verdict
 from optid.diagnosis.selection.path import SelectionPath
@@ -100,9 +100,7 @@ def conclude(s: TestedResult, doubted: TestedResult | None = None) -> Diagnosis:
         # A surrogate is kept only if it predicts better, and so is a name beside a base at the noise.
         s = replace(s, best=s.base, test=s.test.of_base(s.problem.noise))
     base_parameters = intervals(s.base, _birge(s, s.test.base))
-    best_parameters = (
-        base_parameters if s.best is s.base else _by_tests(s, intervals(s.best, _birge(s, s.test.best)))
-    )
+    best_parameters = base_parameters if s.best is s.base else _best_parameters(s)
     suspects = _suspects(s, best_parameters)
     verdict = _verdict(s, suspects)
     findings: tuple[Finding, ...] = ()
@@ -177,13 +175,16 @@ def _birge(s: TestedResult, evaluation: Evaluation) -> float:
     return 1.0 if ratio <= s.problem.criteria.error_over_noise else ratio
 
 
-def _by_tests(s: TestedResult, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
-    """Intervals consistent with the tests of the named effects."""
+def _best_parameters(s: TestedResult) -> tuple[Estimate, ...]:
+    """The best model's parameters, with intervals consistent with the tests of the named effects."""
+    ratio = _birge(s, s.test.best)
+    estimates = intervals(s.best, ratio)
     at_noise = s.test.best.error_over_noise(s.problem.noise) <= s.problem.criteria.error_over_noise
     for effect in s.best.effects if s.names else ():
         p = s.test.names[effect.name].p_value
         if p <= s.problem.criteria.level:
-            estimates = apart_from_none(estimates, effect, p, at_noise)
+            sure = at_noise or joint_p_value(s.best, effect, ratio) <= s.problem.criteria.level
+            estimates = apart_from_none(estimates, effect, p, sure)
     return estimates
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from optid.diagnosis.intervals import intervals
+from optid.diagnosis.intervals import intervals, joint_p_value
 
 
 def refined(values, low, high):
@@ -116,6 +116,28 @@ def test_recordings_that_contradict_each_other_widen_what_they_contradict():
     assert birge > 5.0
     assert half(offset) == pytest.approx(1.959964 * birge / np.sqrt(200), rel=0.1)
     assert half(other) == pytest.approx(half(before), rel=0.1)
+
+
+def line(values, low=(-1e6, -1e6), high=(1e6, 1e6)):
+    """The line as an effect whose strengths are both of its parameters."""
+    effect = SimpleNamespace(name="line", strength={"a": 0.1, "b": 0.1}, at_null=lambda: {"a": 0.0, "b": 0.0})
+    there = refined(values, list(low), list(high))
+    for one in there.fit.likelihood_problem.model.parameters:
+        one.name = f"line.{one.name}"
+    return there, effect
+
+
+def test_strengths_that_make_up_for_each_other_are_away_from_none_together():
+    """Half as high as its noise at 200 samples is seven sd; its level and its slope are less than one each."""
+    there, effect = line([0.3, 0.2])
+    assert all(one.low < 0.0 < one.high for one in intervals(there, 1.0))
+    assert joint_p_value(there, effect, 1.0) < 1e-9
+    assert joint_p_value(there, effect, 5.0) == pytest.approx(0.37, abs=0.15)  # a misfit counts here, too
+    assert joint_p_value(there, effect, np.inf) == 1.0
+    nothing, effect = line([0.0, 0.0])
+    assert joint_p_value(nothing, effect, 1.0) == pytest.approx(1.0)
+    at_bounds, effect = line([0.3, 0.2], low=(0.3, 0.2))
+    assert joint_p_value(at_bounds, effect, 1.0) == 1.0
 
 
 def test_a_misfit_widens_intervals_once():
