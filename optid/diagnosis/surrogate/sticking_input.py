@@ -2,7 +2,8 @@
 
 What sticks passes for hysteresis or a dead band, and no law of the catalogue is a jump. Predictions change with the
 width of the jumps by steps, so that no slope leads to it: it is searched on grids that become finer, and all other
-parameters are fitted in between. A decimated input jumps at other times: this goes by the recordings' own rate.
+parameters are fitted in between. A decimated input jumps at other times, as a less accurate latch does: this goes by the recordings' own
+rate and accuracy.
 """
 
 from __future__ import annotations
@@ -41,10 +42,12 @@ def sticking_input(
     """
     if path.validated.error_over_noise <= search.criteria.error_over_noise:
         return None
+    full = search
+    if search.train is not problem.train or search.tolerance != problem.tolerance:
+        full = replace(with_open_variance(problem, path.base), budget=search.budget)
     for effect in path.best.effects:
         for form in sticking(path.base, effect.sites):
             search.report(Stage.SURROGATE, f"an input that sticks, in place of {effect.name}")
-            full = replace(with_open_variance(problem, path.base), budget=search.budget)
             named, less = refit(path.best, full), refit(path.without[effect.name][0], full)
             model = _fitted(form, less, named.fit.loss, full)
             if model is None:
