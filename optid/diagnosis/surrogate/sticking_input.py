@@ -2,8 +2,8 @@
 
 What sticks passes for hysteresis or a dead band, and no law of the catalogue is a jump. Predictions change with the
 width of the jumps by steps, so that no slope leads to it: it is searched on grids that become finer, and all other
-parameters are fitted in between. A decimated input jumps at other times, as a less accurate latch does: this goes by the recordings' own
-rate and accuracy.
+parameters are fitted in between. A decimated input jumps at other times, as a less accurate latch does: this goes by
+the recordings' own rate and accuracy.
 """
 
 from __future__ import annotations
