@@ -44,6 +44,7 @@ from optid.diagnosis.surrogate.search import Surrogate, answer_of, find_surrogat
 from optid.diagnosis.surrogate.sticking_input import sticking_input
 from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout
+from optid.diagnosis.validation import cross_validate
 from optid.diagnosis.verdict import (
     conclude,
     gains_alone,
@@ -212,8 +213,9 @@ def _select_at_either_rate(
 ) -> tuple[SelectionPath, DiagnosisProblem, FittedModel | None]:
     """The path of the selection, its problem, and the base with wider bounds if these explain everything.
 
-    Decimated recordings are searched at their own rate where that alone brings the base to the noise; where the search
-    leaves a mismatch, it goes on at that rate.
+    Decimated recordings are searched at their own rate where that alone brings the base to the noise. A search that
+    leaves a mismatch goes on at that rate, if it selected nothing or that rate alone takes its selection nearer to the
+    noise.
     """
     full = at_full_rate(base, search, problem)
     if full is not None and is_at_noise(*full):
@@ -222,9 +224,12 @@ def _select_at_either_rate(
         return nothing_selected(base, search), search, wide
     path = _selection(base, search, kept)
     if full is not None and leaves_mismatch(path, search):
-        again = _selection(*full, kept, "selection at the full rate", refit(path.best, full[1]))
-        if again.best.effects:
-            return replace(again, earlier=path.rounds), full[1], None
+        begun = refit(path.best, full[1])
+        left = cross_validate(begun, full[1]).error_over_noise / path.validated.error_over_noise
+        if not path.best.effects or left < 1.0 - search.criteria.smallest_gain:
+            again = _selection(*full, kept, "selection at the full rate", begun)
+            if again.best.effects:
+                return replace(again, earlier=path.rounds), full[1], None
     return path, search, None
 
 

@@ -22,8 +22,9 @@ def problem(train):
     [
         (True, 1.3, 1.0, {}, ["full"], "full"),  # it alone is at the noise
         (True, 1.3, 1.3, {"search": ("one", 1.0)}, ["search"], "search"),  # everything is found without it
-        (True, 1.3, 1.3, {"search": ("one", 1.25), "full": ("other", 1.0)}, ["search", "full"], "full"),
-        (True, 1.3, 1.3, {"search": ("one", 1.25)}, ["search", "full"], "search"),  # there it falls
+        (True, 9.0, 1.3, {"search": ("one", 1.4), "full": ("other", 1.0)}, ["search", "full"], "full"),
+        (True, 9.0, 1.38, {"search": ("one", 1.4)}, ["search"], "search"),  # the rate changes nothing
+        (True, 9.0, 1.3, {"search": ("one", 1.4)}, ["search", "full"], "search"),  # there it falls
         (True, 1.3, 1.3, {"full": ("one", 1.0)}, ["search", "full"], "full"),  # nothing is found without it
         (True, 1.3, 1.3, {}, ["search", "full"], "search"),
         (True, 1.1, 1.0, {}, ["search"], "search"),  # nothing to look for
@@ -49,11 +50,11 @@ def test_the_rate_of_the_search(monkeypatch, decimated, at_search, at_full, foun
         validated = SimpleNamespace(error_over_noise=ratio)
         return SelectionPath("base", best, None, validated, (rate,))
 
-    monkeypatch.setattr(
-        base_fit, "cross_validate", lambda model, of: SimpleNamespace(error_over_noise=ratios[of.train])
-    )
     monkeypatch.setattr(base_fit, "with_open_variance", lambda of, model: of)
     for module in (base_fit, pipeline):
+        monkeypatch.setattr(
+            module, "cross_validate", lambda model, of: SimpleNamespace(error_over_noise=ratios[of.train])
+        )
         monkeypatch.setattr(module, "refit", lambda model, of: "refitted")
     monkeypatch.setattr(pipeline, "relax_bounds", lambda base, of: None)
     monkeypatch.setattr(pipeline, "select", select)

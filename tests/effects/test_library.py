@@ -123,7 +123,7 @@ def test_a_law_over_a_place_that_nothing_recorded_shows_is_not_tried(shown):
 def test_it_is_said_to_be_untestable_and_no_curve_is_drawn_over_the_place(shown):
     model = build(lambda sheet: slide(sheet, shown))
     rounds = (SimpleNamespace(proposals=SimpleNamespace(visible={e.name: 9.0 for e in admitted(model)})),)
-    path = SimpleNamespace(rounds=rounds, best=SimpleNamespace(effects=()))
+    path = SimpleNamespace(earlier=(), rounds=rounds, best=SimpleNamespace(effects=()))
     told = _not_testable(path, SimpleNamespace(rig=SimpleNamespace(model=model), own=()))
     said = [("position_dependent_friction", "nothing recorded shows position", "")]
     assert list(told) == (said if shown == "velocity" else [])
