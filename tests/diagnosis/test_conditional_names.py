@@ -72,3 +72,32 @@ def test_a_name_that_a_sound_base_contradicts_leaves_no_suspicion(first, held_ou
         ),
     )
     assert verdict._is_contradicted(s) is contradicted
+
+
+@pytest.mark.parametrize(
+    ("ratio", "together", "sure"),
+    [
+        (1.0, 0.5, True),  # at the noise
+        (3.0, 1e-6, True),  # its strengths together are away from none
+        (3.0, 0.5, False),
+    ],
+)
+def test_beyond_the_noise_an_effect_is_sure_by_all_of_its_strengths(monkeypatch, ratio, together, sure):
+    asked = []
+    monkeypatch.setattr(verdict, "_birge", lambda s, evaluation: ratio)
+    monkeypatch.setattr(verdict, "intervals", lambda model, by: ("estimates",))
+    monkeypatch.setattr(verdict, "joint_p_value", lambda model, effect, by: together)
+    monkeypatch.setattr(
+        verdict, "apart_from_none", lambda found, effect, p, sure: asked.append(sure) or found
+    )
+    s = SimpleNamespace(
+        best=SimpleNamespace(effects=(SMALL,)),
+        names=True,
+        problem=SimpleNamespace(criteria=Criteria(), noise={}),
+        test=SimpleNamespace(
+            best=SimpleNamespace(error_over_noise=lambda noise: ratio),
+            names={"small_one": SimpleNamespace(p_value=1e-4)},
+        ),
+    )
+    assert verdict._best_parameters(s) == ("estimates",)
+    assert asked == [sure]

@@ -9,6 +9,7 @@ from optid.diagnosis.criteria import Criteria
 from optid.diagnosis.result import Verdict
 from optid.diagnosis.validation import Validated
 from optid.diagnosis.verdict import _verdict, is_beyond_doubt, is_explained_elsewhere, is_sufficient
+from optid.effects.sticking import Sticking
 
 NAME = SimpleNamespace(name="named", sites=("force.external",), depends_on=("velocity",))
 
@@ -34,6 +35,11 @@ def described(ratio, site, signal="velocity"):
     return SimpleNamespace(contender=contender)
 
 
+STICKING = SimpleNamespace(
+    contender=SimpleNamespace(validated=errors_at(1.05), effect=Sticking("force.external", "velocity"))
+)
+
+
 @pytest.mark.parametrize(
     ("left", "form_error", "sure"), [(1.1, None, True), (2.0, None, False), (2.0, 0.05, True)]
 )
@@ -51,6 +57,7 @@ def test_names_at_the_noise_or_within_what_the_plant_states_need_no_description(
         (2.0, described(1.6, "sensor.position"), False),
         (1.1, described(1.05, "sensor.position"), False),
         (1.5, described(1.05, "sensor.position"), False),  # of 99 variances it explains another 1.1
+        (2.0, STICKING, True),  # not the law's form at all
         (2.0, SimpleNamespace(contender=None), False),
         (2.0, None, False),
     ],

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from optid.diagnosis.criteria import Criteria, SearchOptions
-from optid.diagnosis.selection import forward
+from optid.diagnosis.selection import forward, stepwise
 from optid.diagnosis.selection.forward import fit_proposal, worth_fitting
 from optid.diagnosis.selection.path import SelectionPath
 from optid.diagnosis.surrogate import search
@@ -89,3 +89,24 @@ def test_the_nearest_is_the_contender_that_errs_least_in_any_round():
     assert path.nearest is rounds[0].contenders[1]
     assert path.strongest == "model 3.0"
     assert SelectionPath(None, None, None, None, ()).strongest is None
+
+
+def test_a_search_goes_on_from_what_was_begun_and_compares_with_the_base(monkeypatch):
+    """Two of three effects are there: one more step."""
+    base, begun = SimpleNamespace(effects=()), SimpleNamespace(effects=("one", "two"))
+    errors = {id(base): "of the base", id(begun): "of the begun"}
+    asked = []
+
+    def step(current, first, before, problem):
+        asked.append((current, first, before))
+        return SimpleNamespace(taken=None, contenders=())
+
+    monkeypatch.setattr(stepwise, "cross_validate", lambda model, problem: errors[id(model)])
+    monkeypatch.setattr(stepwise, "forward_step", step)
+    monkeypatch.setattr(stepwise, "backward_elimination", lambda path, problem: path)
+    problem = SimpleNamespace(
+        criteria=Criteria(), budget=SimpleNamespace(is_over=False), report=lambda stage, words: None
+    )
+    path = stepwise.select(base, problem, begun)
+    assert asked == [(begun, "of the base", "of the begun")]
+    assert (path.base, path.best, path.first, path.validated) == (base, begun, "of the base", "of the begun")

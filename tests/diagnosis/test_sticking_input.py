@@ -77,6 +77,12 @@ def test_a_law_that_leaves_more_for_another_reason_keeps_its_name(tmp_path):
     assert sticking_input.sticking_input(path, search, problem) is None
 
 
+def test_what_windows_do_not_tell_from_the_law_does_not_stand_in_its_place(tmp_path, monkeypatch):
+    problem, search, path = named(tmp_path, stuck)
+    monkeypatch.setattr(sticking_input, "is_told_apart", lambda worse, better, problem: False)
+    assert sticking_input.sticking_input(path, search, problem) is None
+
+
 def test_a_law_at_the_noise_is_not_asked(tmp_path, monkeypatch):
     problem, search, path = named(tmp_path, played)
     monkeypatch.setattr(sticking_input, "sticking", lambda *_: pytest.fail("it was asked"))
