@@ -130,7 +130,7 @@ VARIANTS = {
     "sticking input": Variant(
         "an input that sticks never stands in place of a law of that input",
         {},
-        {(pipeline, "sticking_input"): _never},
+        {(pipeline, "find_sticking_input"): _never},
         _is_none,
     ),
     "elsewhere": Variant(

@@ -35,7 +35,7 @@ def disagreement(
         return why
     if not evidence.error_gain > 0.0:
         return "it predicts no output of the hold-out better"
-    why = _no_size(effect, estimates) or _at_an_end(effect, estimates)
+    why = _no_size(effect, estimates) or _at_range_end(effect, estimates)
     return why or worse_output(before, after, noise, criteria)
 
 
@@ -59,7 +59,7 @@ def _no_size(effect: Effect, estimates: Sequence[Estimate]) -> str:
     return f"its confidence interval includes an effect of no size ({told})"
 
 
-def _at_an_end(effect: Effect, estimates: Sequence[Estimate]) -> str:
+def _at_range_end(effect: Effect, estimates: Sequence[Estimate]) -> str:
     """Which strength is at an end of its plausible range: the reason in words, or empty.
 
     A share may be all there is: 0 and 1 are meant.

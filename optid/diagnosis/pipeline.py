@@ -41,7 +41,7 @@ from optid.diagnosis.selection.backward import without_effects
 from optid.diagnosis.selection.path import SelectionPath, nothing_selected, without_each
 from optid.diagnosis.selection.stepwise import select
 from optid.diagnosis.surrogate.search import Surrogate, answer_of, find_surrogate
-from optid.diagnosis.surrogate.sticking_input import sticking_input
+from optid.diagnosis.surrogate.sticking_input import find_sticking_input
 from optid.diagnosis.tested_result import SearchResult, TestedResult
 from optid.diagnosis.testing import gate, test_on_holdout
 from optid.diagnosis.validation import cross_validate
@@ -124,7 +124,7 @@ def diagnose(
     path, search, wide = _select_at_either_rate(base, search, problem, kept)
     path, alternatives = compare_alternatives(path, search)
     path = replace(path, ended_early=path.ended_early or search.budget.is_over)
-    surrogate = _surrogate(path, search, problem) if wide is None else None
+    surrogate = _describe_mismatch(path, search, problem) if wide is None else None
     report(Stage.REFINEMENT, "maximum likelihood and intervals")
     problem = replace(with_open_variance(problem, path.base), budget=budget)
     unseal = partial(straight_inputs, sealed, roles)
@@ -135,9 +135,11 @@ def diagnose(
     return answer
 
 
-def _surrogate(path: SelectionPath, search: DiagnosisProblem, problem: DiagnosisProblem) -> Surrogate | None:
+def _describe_mismatch(
+    path: SelectionPath, search: DiagnosisProblem, problem: DiagnosisProblem
+) -> Surrogate | None:
     """What is described rather than named; ``None`` where the named effects suffice, or nothing would be visible."""
-    instead = sticking_input(path, search, problem)
+    instead = find_sticking_input(path, search, problem)
     if instead is None and is_beyond_doubt(path, search):
         return None
     search.report(Stage.LOCALISATION, "locating the mismatch with an unknown input")

@@ -12,6 +12,7 @@ from optid.diagnosis.selection.forward import contend
 from optid.diagnosis.selection.path import nothing_selected
 from optid.diagnosis.surrogate import sticking_input
 from optid.effects.library import admitted
+from optid.errors import SolveError
 from tests.diagnosis.trolley import problem_of, recording
 
 WIDTH = 0.3
@@ -61,7 +62,7 @@ def named(folder, concealed, worse=1.0):
 def test_what_sticks_is_described_to_the_noise(tmp_path):
     problem, search, path = named(tmp_path, stuck)
     assert path.validated.error_over_noise > 2.0
-    found = sticking_input.sticking_input(path, search, problem)
+    found = sticking_input.find_sticking_input(path, search, problem)
     assert found.validated.error_over_noise < 1.1
     assert found.effect.sites == ("drive.command",)
     own = found.model.own_values(found.effect)
@@ -74,16 +75,26 @@ def test_what_sticks_is_described_to_the_noise(tmp_path):
 def test_a_law_that_leaves_more_for_another_reason_keeps_its_name(tmp_path):
     problem, search, path = named(tmp_path, played, worse=1.5)
     assert path.validated.error_over_noise > search.criteria.error_over_noise
-    assert sticking_input.sticking_input(path, search, problem) is None
+    assert sticking_input.find_sticking_input(path, search, problem) is None
 
 
 def test_what_windows_do_not_tell_from_the_law_does_not_stand_in_its_place(tmp_path, monkeypatch):
     problem, search, path = named(tmp_path, stuck)
     monkeypatch.setattr(sticking_input, "is_told_apart", lambda worse, better, problem: False)
-    assert sticking_input.sticking_input(path, search, problem) is None
+    assert sticking_input.find_sticking_input(path, search, problem) is None
+
+
+def test_where_it_cannot_be_simulated_the_law_keeps_its_name(tmp_path, monkeypatch):
+    problem, search, path = named(tmp_path, stuck)
+
+    def diverges(*_):
+        raise SolveError("the simulation diverged")
+
+    monkeypatch.setattr(sticking_input, "fit_model", diverges)
+    assert sticking_input.find_sticking_input(path, search, problem) is None
 
 
 def test_a_law_at_the_noise_is_not_asked(tmp_path, monkeypatch):
     problem, search, path = named(tmp_path, played)
     monkeypatch.setattr(sticking_input, "sticking", lambda *_: pytest.fail("it was asked"))
-    assert sticking_input.sticking_input(path, search, problem) is None
+    assert sticking_input.find_sticking_input(path, search, problem) is None

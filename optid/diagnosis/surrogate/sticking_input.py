@@ -8,6 +8,7 @@ the recordings' own rate and accuracy.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from optid.diagnosis.selection.path import Contender, SelectionPath
 from optid.diagnosis.surrogate.library import sticking
 from optid.diagnosis.validation import cross_validate
 from optid.effects.sticking import WIDTHS, Sticking
+from optid.errors import SolveError
 from optid.estimation.fixed_gain import innovations
 from optid.estimation.likelihood import huber
 from optid.estimation.likelihood_point import LikelihoodProblem
@@ -30,7 +32,7 @@ from optid.estimation.multistep import window_starts
 GRID, REACHES = 96, (1.4, 1.2, 1.1, 1.05)
 
 
-def sticking_input(
+def find_sticking_input(
     path: SelectionPath, search: DiagnosisProblem, problem: DiagnosisProblem
 ) -> Contender | None:
     """The path's model with a sticking input in place of the first effect that this predicts better than.
@@ -48,22 +50,25 @@ def sticking_input(
     for effect in path.best.effects:
         for form in sticking(path.base, effect.sites):
             search.report(Stage.SURROGATE, f"an input that sticks, in place of {effect.name}")
-            named, less = refit(path.best, full), refit(path.without[effect.name][0], full)
-            model = _fitted(form, less, named.fit.loss, full)
-            if model is None:
-                continue
-            before, validated = cross_validate(named, full), cross_validate(model, full)
-            if is_told_apart(before, validated, full):
-                return Contender(form, model, validated, "")
+            with contextlib.suppress(SolveError):
+                named, less = refit(path.best, full), refit(path.without[effect.name][0], full)
+                model = _fit_width(form, less, named.fit.loss, full)
+                if model is None:
+                    continue
+                before, validated = cross_validate(named, full), cross_validate(model, full)
+                if is_told_apart(before, validated, full):
+                    return Contender(form, model, validated, "")
     return None
 
 
-def _fitted(form: Sticking, less: FittedModel, most: float, problem: DiagnosisProblem) -> FittedModel | None:
+def _fit_width(
+    form: Sticking, less: FittedModel, most: float, problem: DiagnosisProblem
+) -> FittedModel | None:
     """The model with the form at its best width; ``None`` where the first fit is not near a loss."""
     q, o = problem.likelihood_problem(with_effect(less.rig, form)), problem.options
     p = q.at({**less.values, **form.qualified(form.at_null())})
     grid = np.geomspace(WIDTHS[0], WIDTHS[-1], GRID)
-    p = _at_best_width(q, p, form, grid, less, o.short * problem.window)
+    p = _search_width(q, p, form, grid, less, o.short * problem.window)
     best: FittedModel | None = None
     for reach in REACHES:
         model = fit_model(problem, (*less.effects, form), q.rig, q, p)
@@ -71,13 +76,11 @@ def _fitted(form: Sticking, less: FittedModel, most: float, problem: DiagnosisPr
             break
         best = model if best is None else min(best, model, key=lambda one: one.fit.loss)
         width = best.own_values(form)["width"]
-        p = _at_best_width(
-            q, best.p, form, width * np.geomspace(1 / reach, reach, GRID), best, problem.window
-        )
+        p = _search_width(q, best.p, form, width * np.geomspace(1 / reach, reach, GRID), best, problem.window)
     return best
 
 
-def _at_best_width(
+def _search_width(
     q: LikelihoodProblem, p: Array, form: Sticking, widths: Array, by: FittedModel, seconds: float
 ) -> Array:
     """The parameters with the width, of some, that predicts best with the gains of a model's filter."""
